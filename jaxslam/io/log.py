@@ -1,0 +1,136 @@
+"""The in-memory log: stamped odometry, IMU, wheel and scan tracks as NumPy arrays on the host.
+
+Every reader returns a `SensorLog`; nothing after it knows which file format it came from. Stamps are
+seconds as float64 (float32 cannot hold a Unix time), sorted and finite.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64, Float32, Int
+
+
+class LogError(ValueError):
+    """A log that cannot be used. The message is one line: what is wrong, where, what to do."""
+
+
+@dataclass(frozen=True)
+class OdometryTrack:
+    """Wheel odometry: integrated base poses.
+
+    Attributes:
+        stamps: `[M]` seconds.
+        poses: `[M, 3]` base pose in the odometry frame (m, m, rad).
+        twists: `[M, 3]` base-frame velocities (m/s, m/s, rad/s); NaN where the log has none.
+        topic: the topic or message name it was read from.
+    """
+
+    stamps: Float64[np.ndarray, "M"]
+    poses: Float64[np.ndarray, "M 3"]
+    twists: Float64[np.ndarray, "M 3"]
+    topic: str
+
+
+@dataclass(frozen=True)
+class ImuTrack:
+    """Inertial measurements in the IMU's own frame.
+
+    Attributes:
+        stamps: `[M]` seconds.
+        orientations: `[M, 4]` quaternion x, y, z, w of the IMU in its reference frame; NaN where absent.
+        angular_velocities: `[M, 3]` rad/s.
+        linear_accelerations: `[M, 3]` m/s².
+        rotation_base_imu: `[3, 3]` mounting, from the static transforms; identity where unknown.
+        mounting_known: whether the log itself says how the IMU is mounted.
+        topic: the topic it was read from.
+    """
+
+    stamps: Float64[np.ndarray, "M"]
+    orientations: Float64[np.ndarray, "M 4"]
+    angular_velocities: Float64[np.ndarray, "M 3"]
+    linear_accelerations: Float64[np.ndarray, "M 3"]
+    rotation_base_imu: Float64[np.ndarray, "3 3"]
+    mounting_known: bool
+    topic: str
+
+
+@dataclass(frozen=True)
+class JointTrack:
+    """Joint (wheel) angles.
+
+    Attributes:
+        stamps: `[M]` seconds.
+        names: `J` joint names.
+        positions: `[M, J]` radians; NaN where absent.
+        velocities: `[M, J]` rad/s; NaN where absent.
+        topic: the topic it was read from.
+    """
+
+    stamps: Float64[np.ndarray, "M"]
+    names: tuple[str, ...]
+    positions: Float64[np.ndarray, "M J"]
+    velocities: Float64[np.ndarray, "M J"]
+    topic: str
+
+
+@dataclass(frozen=True)
+class FixTrack:
+    """Satellite fixes: `[M, 3]` latitude and longitude in degrees, altitude in metres."""
+
+    stamps: Float64[np.ndarray, "M"]
+    positions: Float64[np.ndarray, "M 3"]
+    topic: str
+
+
+@dataclass(frozen=True)
+class ScanTrack:
+    """Planar scans. Scans with fewer beams than `B` are padded with NaN at the end.
+
+    Beam `i` of scan `t` points at `angle_min[t] + i * angle_increment[t]` in the lidar frame.
+
+    Attributes:
+        stamps: `[T]` seconds.
+        ranges: `[T, B]` metres, as recorded; NaN where there is no beam or no return (the reader has
+            turned 0, negative, infinite and out-of-interval ranges into NaN).
+        num_beams: `[T]` beams each scan really had.
+        angle_min: `[T]` radians.
+        angle_increment: `[T]` radians.
+        range_min: smallest range the sensor reports, metres.
+        range_max: ranges at or over this are no return, metres.
+        pose_base_lidar: `[3]` mounting of the lidar (m, m, rad).
+        mounting_known: whether the log itself says how the lidar is mounted.
+        topic: the topic or message name it was read from.
+    """
+
+    stamps: Float64[np.ndarray, "T"]
+    ranges: Float32[np.ndarray, "T B"]
+    num_beams: Int[np.ndarray, "T"]
+    angle_min: Float64[np.ndarray, "T"]
+    angle_increment: Float64[np.ndarray, "T"]
+    range_min: float
+    range_max: float
+    pose_base_lidar: Float64[np.ndarray, "3"]
+    mounting_known: bool
+    topic: str
+
+
+@dataclass(frozen=True)
+class SensorLog:
+    """Everything a log file holds that this library can use.
+
+    Attributes:
+        path: the file or folder it was read from, or a name for a simulated one.
+        odometry, imu, joints, fixes, scans: the tracks, or None where the log has none.
+        warnings: one line each, what was repaired or skipped while reading (with counts).
+        topics: message count by topic or message name, for everything in the file, used or not.
+    """
+
+    path: Path
+    odometry: OdometryTrack | None = None
+    imu: ImuTrack | None = None
+    joints: JointTrack | None = None
+    fixes: FixTrack | None = None
+    scans: ScanTrack | None = None
+    warnings: tuple[str, ...] = ()
+    topics: dict[str, int] = field(default_factory=dict)

@@ -1,0 +1,31 @@
+"""What a motion model is."""
+
+import abc
+
+import equinox as eqx
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from jaxslam.types import OdometryIncrement
+
+
+class AbstractMotionModel(eqx.Module):
+    """p(x_t | x_{t−1}, u_t) for one particle. Vmap over particles with `in_axes=(0, 0, None)`."""
+
+    @abc.abstractmethod
+    def sample(
+        self, key: PRNGKeyArray, pose: Float[Array, "3"], odometry: OdometryIncrement
+    ) -> Float[Array, "3"]:
+        """Draws the next pose `[3]` (m, m, rad, world frame) given the last one and the odometry."""
+
+    @abc.abstractmethod
+    def log_prob(
+        self, pose_next: Float[Array, "3"], pose: Float[Array, "3"], odometry: OdometryIncrement
+    ) -> Float[Array, ""]:
+        """Natural log of the density of `pose_next` given `pose` and the odometry."""
+
+    @abc.abstractmethod
+    def covariance(self, odometry: OdometryIncrement) -> Float[Array, "3 3"]:
+        """Covariance `[3, 3]` of the increment in the frame of the *predicted* pose (m², m·rad, rad²).
+
+        Symmetric positive definite, to first order in the noise: what a scan matcher uses as its prior.
+        """

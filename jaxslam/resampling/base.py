@@ -1,0 +1,19 @@
+"""What a resampling scheme is."""
+
+import abc
+
+import equinox as eqx
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+
+class AbstractResampler(eqx.Module):
+    """Chooses ancestors in proportion to the weights."""
+
+    @abc.abstractmethod
+    def ancestors(self, key: PRNGKeyArray, log_weights: Float[Array, "N"]) -> Int[Array, "N"]:
+        """Indices `[N]` (int32) of the particles that go on; unbiased: E[count of i] = N · w_i.
+
+        Args:
+            key: PRNG key.
+            log_weights: `[N]` natural log, need not be normalised; −inf is a particle that cannot go on.
+        """

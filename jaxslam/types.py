@@ -1,0 +1,60 @@
+"""The containers that travel through a filter: scans, odometry increments, step inputs.
+
+All are frozen pytrees of device arrays. Poses are plain arrays `[..., 3]`: x and y in metres, theta in
+radians. Stacked over time (a leading axis `T` on every leaf) they are what `lax.scan` runs over.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+
+class LidarScan(eqx.Module):
+    """One planar scan, with the geometry needed to place it.
+
+    Beam `i` points at `angle_min + i * angle_increment` in the lidar frame, counter-clockwise positive.
+
+    Attributes:
+        ranges: `[B]` metres. Where `valid` is false the value is 0 and means "no return".
+        valid: `[B]` true where the beam hit something inside the usable range interval.
+        angle_min: angle of beam 0, radians, lidar frame.
+        angle_increment: angle between neighbouring beams, radians (negative: clockwise).
+        pose_base_lidar: `[3]` pose of the lidar in the robot's base frame.
+    """
+
+    ranges: Float[Array, "*batch B"]
+    valid: Bool[Array, "*batch B"]
+    angle_min: Float[Array, "*batch"]
+    angle_increment: Float[Array, "*batch"]
+    pose_base_lidar: Float[Array, "*batch 3"]
+
+    @property
+    def num_beams(self) -> int:
+        """Number of beams `B`, valid or not."""
+        return self.ranges.shape[-1]
+
+    def angles(self) -> Float[Array, "*batch B"]:
+        """Beam angles in the lidar frame, radians, `[B]`."""
+        index = jnp.arange(self.num_beams, dtype=self.ranges.dtype)
+        return self.angle_min[..., None] + self.angle_increment[..., None] * index
+
+
+class OdometryIncrement(eqx.Module):
+    """The motion between two steps as the odometry saw it.
+
+    Attributes:
+        delta: `[3]` pose of the base at the end in the frame of the base at the start (m, m, rad).
+        covariance: `[3, 3]` covariance of `delta` (m², m·rad, rad²); zeros where the source gives none.
+        dt: duration in seconds.
+    """
+
+    delta: Float[Array, "*batch 3"]
+    covariance: Float[Array, "*batch 3 3"]
+    dt: Float[Array, "*batch"]
+
+
+class StepInputs(eqx.Module):
+    """What one filter step consumes: the odometry since the last step, then a scan."""
+
+    odometry: OdometryIncrement
+    scan: LidarScan

@@ -1,0 +1,27 @@
+"""Strict settings for every test: shapes checked, no silent promotion, the real logs by fixture."""
+
+import os
+from pathlib import Path
+
+import jax
+import pytest
+from jaxtyping import install_import_hook
+
+jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+# Every annotated function of the library checks its shapes and types while the tests run.
+with install_import_hook("jaxslam", "beartype.beartype"):
+    import jaxslam  # noqa: F401
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """The folder of real logs; tests that need it skip where it is absent."""
+    default = Path(__file__).resolve().parents[2] / "shared" / "data"
+    folder = Path(os.environ.get("JAXSLAM_DATA", default))
+    if not folder.is_dir():
+        pytest.skip(
+            f"real logs not found in {folder}: set JAXSLAM_DATA to the folder that has them"
+        )
+    return folder

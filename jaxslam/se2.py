@@ -20,9 +20,7 @@ def wrap(angle: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
     return jnp.where(wrapped >= jnp.pi, -jnp.pi, wrapped).astype(wrapped.dtype)
 
 
-def rotate(
-    angle: Float[Array, "*batch"], vector: Float[Array, "*batch 2"]
-) -> Float[Array, "*batch 2"]:
+def rotate(angle: Float[Array, "*batch"], vector: Float[Array, "*batch 2"]) -> Float[Array, "*batch 2"]:
     """Rotates vectors `[..., 2]` counter-clockwise by `angle` radians `[...]`."""
     cos, sin = jnp.cos(angle), jnp.sin(angle)
     x, y = vector[..., 0], vector[..., 1]
@@ -57,9 +55,7 @@ def relative(
     return jnp.concatenate([position, heading[..., None]], axis=-1)
 
 
-def apply(
-    pose_a_b: Float[Array, "3"], points_b: Float[Array, "*points 2"]
-) -> Float[Array, "*points 2"]:
+def apply(pose_a_b: Float[Array, "3"], points_b: Float[Array, "*points 2"]) -> Float[Array, "*points 2"]:
     """Moves points `[..., 2]` given in frame `b` into frame `a`."""
     cos, sin = jnp.cos(pose_a_b[2]), jnp.sin(pose_a_b[2])
     x, y = points_b[..., 0], points_b[..., 1]

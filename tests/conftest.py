@@ -21,7 +21,5 @@ def data_dir() -> Path:
     default = Path(__file__).resolve().parents[2] / "shared" / "data"
     folder = Path(os.environ.get("JAXSLAM_DATA", default))
     if not folder.is_dir():
-        pytest.skip(
-            f"real logs not found in {folder}: set JAXSLAM_DATA to the folder that has them"
-        )
+        pytest.skip(f"real logs not found in {folder}: set JAXSLAM_DATA to the folder that has them")
     return folder

@@ -15,7 +15,7 @@ class AbstractMotionModel(eqx.Module):
     def sample(
         self, key: PRNGKeyArray, pose: Float[Array, "3"], odometry: OdometryIncrement
     ) -> Float[Array, "3"]:
-        """Draws the next pose `[3]` (m, m, rad, world frame) given the last one and the odometry."""
+        """Draws the next pose `[3]` (m, m, rad, world frame) from the last one and the odometry."""
 
     @abc.abstractmethod
     def log_prob(
@@ -25,7 +25,8 @@ class AbstractMotionModel(eqx.Module):
 
     @abc.abstractmethod
     def covariance(self, odometry: OdometryIncrement) -> Float[Array, "3 3"]:
-        """Covariance `[3, 3]` of the increment in the frame of the *predicted* pose (m², m·rad, rad²).
+        """Covariance `[3, 3]` of the increment in the *predicted* pose's frame (m², m·rad, rad²).
 
-        Symmetric positive definite, to first order in the noise: what a scan matcher uses as its prior.
+        Symmetric positive definite, to first order in the noise: what a scan matcher uses as its
+        prior.
         """

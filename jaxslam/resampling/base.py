@@ -15,5 +15,6 @@ class AbstractResampler(eqx.Module):
 
         Args:
             key: PRNG key.
-            log_weights: `[N]` natural log, need not be normalised; −inf is a particle that cannot go on.
+            log_weights: `[N]` natural log, need not be normalised; −inf is a particle that cannot
+                go on.
         """

@@ -1,0 +1,144 @@
+"""Log-odds occupancy in int8, and the integration of a scan into a map window.
+
+Log-odds are stored in fixed point, `LOG_ODDS_PER_UNIT` per unit: a map cell is one byte, and the gathers
+of a filter, which are what it spends its time on, stay in cache.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Int8, Int16
+
+from jaxslam.materialise import materialise
+from jaxslam.types import LidarScan
+
+LOG_ODDS_PER_UNIT = 0.05
+NUM_BEARINGS = 1024
+"""Entries of a scan's range table. At 8 m one entry subtends one 5 cm cell. A power of two."""
+
+
+class OccupancyModel(eqx.Module):
+    """Inverse sensor model, mine (5)–(7): what one scan adds to the log-odds of a cell.
+
+    Attributes:
+        hit: added where a beam ended, natural log-odds.
+        miss: added where a beam passed, natural log-odds (negative).
+        limit: log-odds are clamped to ±limit, so that a map can still change its mind; ≤ 6.3.
+        occupied_above: cells over this are obstacles to the matcher and the sensor model, log-odds.
+    """
+
+    hit: float | Float[Array, ""] = 0.9
+    miss: float | Float[Array, ""] = -0.4
+    limit: float | Float[Array, ""] = 5.0
+    occupied_above: float | Float[Array, ""] = 0.5
+
+
+def quantise(log_odds: float | Float[Array, ""]) -> Int8[Array, ""]:
+    """Natural log-odds in the fixed point of the maps."""
+    return jnp.clip(jnp.round(jnp.asarray(log_odds) / LOG_ODDS_PER_UNIT), -127, 127).astype(jnp.int8)
+
+
+def is_occupied(model: OccupancyModel, maps: Int8[Array, "*shape"]) -> Bool[Array, "*shape"]:
+    """Which cells count as obstacles."""
+    return maps > quantise(model.occupied_above)
+
+
+def probability(maps: Int8[Array, "*shape"]) -> Float[Array, "*shape"]:
+    """Occupancy probability of log-odds cells; ½ where nothing is known."""
+    return jax.nn.sigmoid(maps.astype(jnp.float32) * LOG_ODDS_PER_UNIT)
+
+
+class RangeTable(eqx.Module):
+    """A scan by bearing: how far the beams around each bearing saw free space.
+
+    Attributes:
+        free_until: `[NUM_BEARINGS]` half cells; 0 where nothing is known. Entry `k` is at the angle
+            `2πk / NUM_BEARINGS` in the lidar frame.
+    """
+
+    free_until: Int16[Array, "n"]
+
+
+def range_table(scan: LidarScan, resolution: Float[Array, ""], max_cells: int) -> RangeTable:
+    """Tabulates a scan over bearing, once for all particles.
+
+    Between two beams the shorter range counts: along a wall seen at a grazing angle the longer one would
+    carve into it.
+    """
+    bearing = jnp.arange(NUM_BEARINGS, dtype=jnp.float32) * (2 * np.pi / NUM_BEARINGS)
+    offset = bearing - scan.angle_min
+    turn = 2 * jnp.pi * jnp.sign(scan.angle_increment)
+    # Position of the bearing among the beams, counted in the direction in which the beams run.
+    along = jnp.mod(offset * jnp.sign(scan.angle_increment), 2 * jnp.pi)
+    along = jnp.where(along > 2 * jnp.pi - jnp.abs(scan.angle_increment), along - jnp.abs(turn), along)
+    position = along / jnp.abs(scan.angle_increment)
+
+    def reach(index: Int[Array, "n"]) -> Float[Array, "n"]:
+        inside = (index >= 0) & (index < scan.num_beams)
+        clipped = jnp.clip(index, 0, scan.num_beams - 1)
+        return jnp.where(inside & scan.valid[clipped], scan.ranges[clipped], 0.0)
+
+    nearest = reach(jnp.round(position).astype(jnp.int32))
+    below = reach(jnp.floor(position).astype(jnp.int32))
+    above = reach(jnp.ceil(position).astype(jnp.int32))
+    shorter = jnp.where((below > 0) & (above > 0), jnp.minimum(below, above), nearest)
+    half_cells = jnp.clip(jnp.floor(2 * shorter / resolution), 0, 2 * max_cells)
+    return RangeTable(materialise(half_cells.astype(jnp.int16)))
+
+
+def bearing_and_distance_tables(size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Bearing index and distance in half cells of every cell of a window, seen from its centre cell."""
+    offset = np.arange(size) - size // 2
+    dx, dy = np.meshgrid(offset, offset)
+    bearing = np.round(np.arctan2(dy, dx) * (NUM_BEARINGS / (2 * np.pi))).astype(np.int16)
+    distance = np.ceil(2 * np.hypot(dx, dy)).astype(np.int16)
+    return bearing % NUM_BEARINGS, distance
+
+
+def add_scan(
+    model: OccupancyModel,
+    window: Int8[Array, "S S"],
+    table: RangeTable,
+    hits: Int[Array, "B 2"],
+    valid: Bool[Array, "B"],
+    heading: Float[Array, ""],
+) -> Int8[Array, "S S"]:
+    """Adds one scan to a map window whose centre cell holds the lidar.
+
+    Every cell looks itself up in the scan's table and changes at most once, so the cost is that of the
+    window and not of the beams. Hits are placed exactly; free space ends one cell before them, which
+    covers that bearings are seen from the centre of the lidar's cell and not from the lidar.
+
+    Args:
+        model: log-odds to add.
+        window: `[S, S]` fixed-point log-odds.
+        table: the scan by bearing.
+        hits: `[B, 2]` (row, column) of the beams' end points in the window.
+        valid: `[B]` which of them count.
+        heading: of the lidar in the world, radians.
+    """
+    size = window.shape[0]
+    bearing, distance = _bearing_and_distance(size)
+    shift = jnp.round(heading * (NUM_BEARINGS / (2 * np.pi))).astype(jnp.int16)
+    # Two's complement: the mask takes negative differences to the right entry as well.
+    index = (jnp.asarray(bearing) - shift) & jnp.int16(NUM_BEARINGS - 1)
+    free_until = table.free_until.at[index].get(mode="promise_in_bounds")
+    free = jnp.asarray(distance) + jnp.int16(2) <= free_until
+    change = jnp.where(free, quantise(model.miss), jnp.int8(0))
+    # An index past the end is dropped; one before the beginning would wrap round.
+    row = jnp.where(valid & jnp.all(hits >= 0, axis=1), hits[:, 0], size)
+    change = change.at[row, hits[:, 1]].set(quantise(model.hit), mode="drop")
+    limit = quantise(model.limit).astype(jnp.int16)
+    total = window.astype(jnp.int16) + change.astype(jnp.int16)
+    return jnp.clip(total, -limit, limit).astype(jnp.int8)
+
+
+def _bearing_and_distance(
+    size: int,
+) -> tuple[Int16[np.ndarray, "S S"], Int16[np.ndarray, "S S"]]:
+    """Table index of the bearing, and distance in half cells, of a window's cells from its centre."""
+    offset = np.arange(size) - size // 2
+    dx, dy = np.meshgrid(offset, offset)
+    bearing = np.round(np.arctan2(dy, dx) * (NUM_BEARINGS / (2 * np.pi))).astype(np.int16)
+    return bearing, np.ceil(2 * np.hypot(dx, dy)).astype(np.int16)

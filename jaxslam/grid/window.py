@@ -1,0 +1,62 @@
+"""The part of each particle's map around its robot, which is all that a step works on."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, Int8
+
+from jaxslam.grid.spec import GridSpec
+
+
+def window_start(
+    spec: GridSpec, position: Float[Array, "2"], shape: tuple[int, int]
+) -> tuple[Int[Array, "2"], Bool[Array, ""]]:
+    """First row and column of the window of `shape` whose centre cell holds `position`.
+
+    Returns:
+        `[2]` int32 (row, column), moved to lie on the map, and whether it had to be moved.
+    """
+    cell = jnp.floor(spec.cells(position)).astype(jnp.int32)
+    start = cell[::-1] - jnp.asarray([shape[0] // 2, shape[1] // 2], jnp.int32)
+    last = jnp.asarray([spec.height - shape[0], spec.width - shape[1]], jnp.int32)
+    inside = jnp.clip(start, 0, last)
+    return inside, jnp.any(inside != start)
+
+
+def window_origin(spec: GridSpec, start: Int[Array, "2"]) -> Float[Array, "2"]:
+    """World position of the lower-left corner of a window that starts at (row, column), metres."""
+    return spec.origin + spec.resolution * start[::-1].astype(jnp.float32)
+
+
+def read_windows(
+    maps: Int8[Array, "N H W"], starts: Int[Array, "N 2"], shape: tuple[int, int]
+) -> Int8[Array, "N h w"]:
+    """Cuts one window of `shape` out of each map."""
+    return jax.vmap(lambda grid, start: jax.lax.dynamic_slice(grid, start, shape))(maps, starts)
+
+
+def write_windows(
+    maps: Int8[Array, "N H W"], windows: Int8[Array, "N h w"], starts: Int[Array, "N 2"]
+) -> Int8[Array, "N H W"]:
+    """Puts the windows back, in place: a loop of updates, where a batched one would copy every map."""
+
+    def write(index: Int[Array, ""], maps: Int8[Array, "N H W"]) -> Int8[Array, "N H W"]:
+        row, column = starts[index, 0], starts[index, 1]
+        return jax.lax.dynamic_update_slice(maps, windows[index][None], (index, row, column))
+
+    return jax.lax.fori_loop(0, maps.shape[0], write, maps)
+
+
+def copy_maps(maps: Int8[Array, "N H W"], ancestors: Int[Array, "N"]) -> Int8[Array, "N H W"]:
+    """Gives every slot its ancestor's map, copying only those whose ancestor is another slot.
+
+    Every ancestor must keep its own slot (`keep_survivors_in_place`): then no source is overwritten.
+    """
+    slots = jnp.arange(maps.shape[0], dtype=jnp.int32)
+    replaced = jnp.nonzero(ancestors != slots, size=maps.shape[0], fill_value=0)[0]
+
+    def copy(index: Int[Array, ""], maps: Int8[Array, "N H W"]) -> Int8[Array, "N H W"]:
+        slot = replaced[index]
+        source = jax.lax.dynamic_slice_in_dim(maps, ancestors[slot], 1)
+        return jax.lax.dynamic_update_slice_in_dim(maps, source, slot, 0)
+
+    return jax.lax.fori_loop(0, jnp.sum(ancestors != slots), copy, maps)

@@ -1,0 +1,224 @@
+"""The lines of a CARMEN log: one message a line, `NAME content… ipc_stamp host logger_stamp`.
+
+This file knows the syntax only; what the messages mean together is put together in `carmen.py`.
+Format: http://carmen.sourceforge.net/logger_playback.html
+"""
+
+import gzip
+import re
+import zlib
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import numpy as np
+from jaxtyping import Float64
+
+from jaxslam.io.log import LogError
+
+_GZIP_MAGIC = b"\x1f\x8b"
+_NAME = re.compile(rb"[A-Z][A-Z0-9_]*")
+_NO_POSE = (float("nan"),) * 3
+_STAMP_FIELDS = 3  # ipc stamp, host, logger stamp
+
+
+class Stamped(NamedTuple):
+    """The tail of every sensor message: `ipc` and `logger` are its two stamps in seconds."""
+
+    ipc: float
+    logger: float
+
+
+class OdometryMessage(NamedTuple):
+    """`ODOM x y theta tv rv accel`: pose in m and rad, velocities in m/s and rad/s."""
+
+    line: int
+    pose: tuple[float, ...]
+    velocities: tuple[float, ...]
+    stamp: Stamped
+
+
+class LaserMessage(NamedTuple):
+    """`FLASER`, `RAWLASER1` or `ROBOTLASER1`; what the message does not carry is NaN.
+
+    Angles are in radians: `start` of the first beam, field of view `fov`, `step` between beams.
+    """
+
+    line: int
+    ranges: Float64[np.ndarray, "B"]
+    start: float
+    fov: float
+    step: float
+    range_max: float
+    pose_laser: tuple[float, ...]
+    pose_robot: tuple[float, ...]
+    velocities: tuple[float, ...]
+    stamp: Stamped
+
+
+@dataclass
+class CarmenContent:
+    """All messages of a log in the order of the file.
+
+    Attributes:
+        parameters: the last value of every `PARAM`, as text.
+        odometry: the `ODOM` messages.
+        lasers: messages of the front laser by name.
+        counts: number of lines by message name, damaged ones included.
+        damaged: line numbers that are not a whole message.
+        cut_at_end: whether the last line was one of them.
+    """
+
+    parameters: dict[str, str] = field(default_factory=dict)
+    odometry: list[OdometryMessage] = field(default_factory=list)
+    lasers: dict[str, list[LaserMessage]] = field(default_factory=dict)
+    counts: Counter[str] = field(default_factory=Counter)
+    damaged: list[int] = field(default_factory=list)
+    cut_at_end: bool = False
+
+
+def read_messages(path: Path) -> CarmenContent:
+    """Reads all lines of a CARMEN log.
+
+    Raises:
+        LogError: no such file, a folder, an empty or binary file, a gzip stream that ends early.
+    """
+    if path.is_dir():
+        raise LogError(f"{path}: is a folder: give the log file itself")
+    if not path.exists():
+        raise LogError(f"{path}: no such file")
+    content = CarmenContent()
+    number = 0
+    try:
+        with _open(path) as stream:
+            for number, line in enumerate(_text_lines(path, stream), start=1):
+                _read_line(content, number, line)
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        scans = sum(len(messages) for messages in content.lasers.values())
+        name = path.name.removesuffix(".gz")
+        raise LogError(
+            f"{path}: the gzip file is cut short or damaged after {number} good lines with {scans} "
+            f"scans ({error}): copy it again, or keep what is there with "
+            f"'gzip -dc {path.name} > {name}' and read {name}"
+        ) from None
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
+    if number == 0:
+        raise LogError(f"{path}: is empty")
+    return content
+
+
+def _open(path: Path) -> gzip.GzipFile | BinaryIO:
+    with path.open("rb") as stream:
+        compressed = stream.read(2) == _GZIP_MAGIC
+    return gzip.open(path, "rb") if compressed else path.open("rb")
+
+
+def _text_lines(path: Path, stream: Iterable[bytes]) -> Iterator[bytes]:
+    for line in stream:
+        if b"\0" in line:
+            raise LogError(f"{path}: is not a text file: a CARMEN log has one message a line")
+        yield line
+
+
+def _read_line(content: CarmenContent, number: int, line: bytes) -> None:
+    fields = line.split()
+    if not fields or fields[0].startswith(b"#"):
+        return
+    content.cut_at_end = False
+    if not _NAME.fullmatch(fields[0]):
+        content.damaged.append(number)
+        return
+    name = fields[0].decode("ascii")
+    content.counts[name] += 1
+    try:
+        if name == "PARAM":
+            content.parameters[_text(fields[1])] = _text(fields[2])
+        elif name == "ODOM":
+            content.odometry.append(_parse_odometry(number, fields))
+        elif name in _LASER_PARSERS:
+            message = _LASER_PARSERS[name](number, fields)
+            content.lasers.setdefault(name, []).append(message)
+    except (ValueError, IndexError):
+        content.damaged.append(number)
+        content.cut_at_end = not line.endswith(b"\n")
+
+
+def _text(field: bytes) -> str:
+    return field.decode("utf-8", errors="replace")
+
+
+def _finite(fields: list[bytes]) -> tuple[float, ...]:
+    numbers = tuple(map(float, fields))
+    if not np.isfinite(numbers).all():
+        raise ValueError("not finite")
+    return numbers
+
+
+def _expect(fields: list[bytes], count: int) -> None:
+    # A line that was cut, or two that ran into each other, has another number of fields.
+    if len(fields) != count:
+        raise ValueError("wrong number of fields")
+
+
+def _stamp(fields: list[bytes]) -> Stamped:
+    return Stamped(*_finite([fields[-3], fields[-1]]))
+
+
+def _readings(fields: list[bytes], first: int) -> tuple[Float64[np.ndarray, "B"], int]:
+    """Readings of the list `n r1 … rn` whose count stands at `first`, and the field after it."""
+    count = int(fields[first])
+    end = first + 1 + count
+    if count < 0 or end > len(fields):
+        raise ValueError("list is cut")
+    return np.array(list(map(float, fields[first + 1 : end])), dtype=np.float64), end
+
+
+def _parse_odometry(number: int, fields: list[bytes]) -> OdometryMessage:
+    _expect(fields, 7 + _STAMP_FIELDS)
+    return OdometryMessage(number, _finite(fields[1:4]), _finite(fields[4:6]), _stamp(fields))
+
+
+def _parse_flaser(number: int, fields: list[bytes]) -> LaserMessage:
+    """`FLASER n r… laser_pose odom_pose`: the old message, without any beam geometry."""
+    ranges, end = _readings(fields, 1)
+    _expect(fields, end + 6 + _STAMP_FIELDS)
+    poses = _finite(fields[end : end + 6])
+    nan = float("nan")
+    return LaserMessage(number, ranges, nan, nan, nan, nan, poses[:3], poses[3:], (nan, nan), _stamp(fields))
+
+
+def _parse_raw_laser(number: int, fields: list[bytes]) -> LaserMessage:
+    """`RAWLASER1 type start fov step max accuracy remission_mode n r… m s…`."""
+    ranges, end = _readings(fields, 8)
+    _, end = _readings(fields, end)
+    _expect(fields, end + _STAMP_FIELDS)
+    start, fov, step, range_max = _finite(fields[2:6])
+    velocities = (float("nan"), float("nan"))
+    return LaserMessage(
+        *(number, ranges, start, fov, step, range_max),
+        *(_NO_POSE, _NO_POSE, velocities, _stamp(fields)),
+    )
+
+
+def _parse_robot_laser(number: int, fields: list[bytes]) -> LaserMessage:
+    """As RAWLASER1, then `laser_pose robot_pose tv rv forward_safety side_safety turn_axis`."""
+    ranges, end = _readings(fields, 8)
+    _, end = _readings(fields, end)
+    _expect(fields, end + 6 + 5 + _STAMP_FIELDS)
+    start, fov, step, range_max = _finite(fields[2:6])
+    poses = _finite(fields[end : end + 6])
+    velocities = _finite(fields[end + 6 : end + 8])
+    return LaserMessage(
+        *(number, ranges, start, fov, step, range_max),
+        *(poses[:3], poses[3:], velocities, _stamp(fields)),
+    )
+
+
+_LASER_PARSERS = {
+    "FLASER": _parse_flaser,
+    "RAWLASER1": _parse_raw_laser,
+    "ROBOTLASER1": _parse_robot_laser,
+}

@@ -1,0 +1,216 @@
+"""Occupancy maps as ROS' map_server keeps them: a grey image and a yaml file beside it.
+
+Arrays `[H, W]` have row 0 at the lowest y, as everywhere in this library; images have it at the
+top.
+Format: http://wiki.ros.org/map_server and nav2_map_server.
+"""
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Float64
+
+from jaxslam.io.image import GreyImage, MapError, read_image, write_pgm
+
+OCCUPIED_THRESHOLD = 0.65
+FREE_THRESHOLD = 0.25
+
+_OCCUPIED_PIXEL, _FREE_PIXEL, _UNKNOWN_PIXEL = 0, 254, 205
+_MODES = ("trinary", "scale", "raw")
+
+
+@dataclass(frozen=True)
+class OccupancyMap:
+    """A known map.
+
+    Attributes:
+        occupied: `[H, W]` true where there is an obstacle.
+        free: `[H, W]` true where there is none; cells that are neither are unknown.
+        resolution: side of a cell, metres.
+        origin: `[3]` pose of the outer corner of cell (0, 0) in the world (m, m, rad).
+    """
+
+    occupied: Bool[np.ndarray, "H W"]
+    free: Bool[np.ndarray, "H W"]
+    resolution: float
+    origin: Float64[np.ndarray, "3"]
+
+
+def write_map(
+    path: str | Path,
+    occupancy_probability: Float[np.ndarray, "H W"],
+    resolution: float,
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    *,
+    occupied_threshold: float = OCCUPIED_THRESHOLD,
+    free_threshold: float = FREE_THRESHOLD,
+) -> None:
+    """Writes a map that nav2's and ROS 1's map_server load: `NAME.yaml` and `NAME.pgm` beside it.
+
+    Pixels are 0 (occupied), 254 (free) and 205 (unknown).
+
+    Args:
+        path: the yaml file; the image takes its name with the suffix `.pgm`.
+        occupancy_probability: `[H, W]` in [0, 1], row 0 at the lowest y; NaN is unknown. Above
+            `occupied_threshold` a cell is occupied, below `free_threshold` free, else unknown.
+        resolution: side of a cell, metres.
+        origin: pose of the outer corner of cell (0, 0) in the world (m, m, rad).
+        occupied_threshold: also written as `occupied_thresh`.
+        free_threshold: also written as `free_thresh`.
+
+    Raises:
+        MapError: the suffix is not .yaml or .yml, or a value is out of range.
+    """
+    path = Path(path)
+    if path.suffix not in (".yaml", ".yml"):
+        raise MapError(f"{path}: a map is written by the name of its yaml file: end it in .yaml")
+    _check_geometry(path, resolution, origin)
+    _check_thresholds(path, free_threshold, occupied_threshold)
+    if occupancy_probability.size == 0:
+        raise MapError(f"{path}: the map has no cells: shape {occupancy_probability.shape}")
+    with np.errstate(invalid="ignore"):
+        outside = (occupancy_probability < 0) | (occupancy_probability > 1)
+        occupied = occupancy_probability > occupied_threshold
+        free = occupancy_probability < free_threshold
+    if outside.any():
+        value = occupancy_probability[outside][0]
+        raise MapError(f"{path}: probability {value} is outside [0, 1]: log-odds l is 1/(1+exp(-l))")
+    pixels = np.full(occupancy_probability.shape, _UNKNOWN_PIXEL, dtype=np.uint8)
+    pixels[occupied] = _OCCUPIED_PIXEL
+    pixels[free] = _FREE_PIXEL
+    image = path.with_suffix(".pgm")
+    write_pgm(image, pixels[::-1])
+    path.write_text(
+        f"image: {_yaml_string(image.name)}\n"
+        "mode: trinary\n"
+        f"resolution: {float(resolution)!r}\n"
+        f"origin: [{', '.join(repr(float(value)) for value in origin)}]\n"
+        "negate: 0\n"
+        f"occupied_thresh: {float(occupied_threshold)!r}\n"
+        f"free_thresh: {float(free_threshold)!r}\n",
+        encoding="utf-8",
+    )
+
+
+def read_map(path: str | Path) -> OccupancyMap:
+    """Reads a map of map_server by the rules of nav2's loader.
+
+    Brightness is turned into occupancy (dark is occupied; `negate` turns it round), and that is
+    compared with the two thresholds. In mode `trinary` transparency counts as a colour channel, and
+    the grey 205 is unknown whatever `free_thresh`: every map saver writes it for that, while nav2's
+    own default of 0.25 would call it free. In mode `scale` transparent pixels are unknown. In mode
+    `raw` a pixel of 0 to 100 is the occupancy in percent and any other is unknown.
+
+    Args:
+        path: the yaml file. `image` is relative to it or absolute; PGM needs no further package,
+            other formats Pillow.
+
+    Returns:
+        The map, row 0 at the lowest y.
+
+    Raises:
+        MapError: the yaml file or the image is missing, cut or damaged; a key is missing; a value
+            is out of range. One line: what is wrong, where, what to do.
+    """
+    path = Path(path)
+    entries = _read_yaml(path)
+    missing = [
+        key
+        for key in ("image", "resolution", "origin", "occupied_thresh", "free_thresh")
+        if key not in entries
+    ]
+    if missing:
+        raise MapError(f"{path}: missing keys: {', '.join(missing)}")
+    resolution = _number(path, entries, "resolution")
+    origin = entries["origin"]
+    if not isinstance(origin, list) or len(origin) != 3:
+        raise MapError(f"{path}: origin is {origin!r}: expected [x, y, yaw]")
+    pose = tuple(_number(path, {"origin": value}, "origin") for value in origin)
+    _check_geometry(path, resolution, pose)
+    occupied_thresh = _number(path, entries, "occupied_thresh")
+    free_thresh = _number(path, entries, "free_thresh")
+    _check_thresholds(path, free_thresh, occupied_thresh)
+    mode = entries.get("mode", "trinary")
+    if mode not in _MODES:
+        raise MapError(f"{path}: mode is {mode!r}: expected one of {', '.join(_MODES)}")
+    negate = bool(_number(path, entries, "negate", default=0))
+    if not isinstance(entries["image"], str) or not entries["image"]:
+        raise MapError(f"{path}: image is {entries['image']!r}: expected the name of a file")
+    image = read_image(path.parent / entries["image"])
+    occupancy, known = _occupancy(image, mode, negate)
+    occupied = known & (occupancy > occupied_thresh)
+    free = known & (occupancy < free_thresh)
+    return OccupancyMap(occupied[::-1].copy(), free[::-1].copy(), resolution, np.array(pose))
+
+
+def _occupancy(
+    image: GreyImage, mode: str, negate: bool
+) -> tuple[Float64[np.ndarray, "H W"], Bool[np.ndarray, "H W"]]:
+    """Occupancy in [0, 1] and where it is known."""
+    shade, alpha = image
+    if mode == "raw":
+        percent = np.rint(shade * 255)
+        return percent / 100, percent <= 100
+    if mode == "scale":
+        return shade if negate else 1 - shade, alpha == 1
+    known = (np.rint(shade * 255) != _UNKNOWN_PIXEL) | (alpha < 1)
+    if (alpha < 1).any():  # As the loader: alpha is averaged in where the image has it.
+        shade = (3 * shade + alpha) / 4
+    return shade if negate else 1 - shade, known
+
+
+def _read_yaml(path: Path) -> Mapping[str, Any]:
+    try:
+        from ruamel.yaml import YAML
+        from ruamel.yaml.error import YAMLError
+    except ImportError:
+        raise MapError(
+            f"{path}: reading maps needs the ruamel.yaml package: pip install 'jaxslam[cli]'"
+        ) from None
+    try:
+        entries = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise MapError(f"{path}: no such file") from None
+    except OSError as error:
+        raise MapError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise MapError(f"{path}: not a text file: give the map's .yaml, not its image") from None
+    except YAMLError as error:
+        reason = " ".join(str(error).split())
+        raise MapError(f"{path}: not valid yaml: {reason}") from None
+    if not isinstance(entries, Mapping):
+        raise MapError(f"{path}: not a map: expected 'image:', 'resolution:', 'origin:' and so on")
+    return entries
+
+
+def _number(path: Path, entries: Mapping[str, Any], key: str, default: float | None = None) -> float:
+    value = entries.get(key, default)
+    if not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise MapError(f"{path}: {key} is {value!r}: expected a number")
+    return float(value)
+
+
+def _check_geometry(path: Path, resolution: float, origin: tuple[float, ...]) -> None:
+    if not (math.isfinite(resolution) and resolution > 0):
+        raise MapError(f"{path}: resolution is {resolution!r}: expected metres per cell, above 0")
+    if len(origin) != 3 or not np.isfinite(origin).all():
+        raise MapError(f"{path}: origin is {origin!r}: expected finite x, y, yaw")
+
+
+def _check_thresholds(path: Path, free: float, occupied: float) -> None:
+    if not 0 <= free < occupied <= 1:
+        raise MapError(
+            f"{path}: free_thresh {free:g} and occupied_thresh {occupied:g}: expected "
+            "0 ≤ free_thresh < occupied_thresh ≤ 1"
+        )
+
+
+def _yaml_string(text: str) -> str:
+    """A name as it stands where yaml reads it back as the same string, else in double quotes."""
+    return text if re.fullmatch(r"[A-Za-z][\w.-]*\.\w+", text, re.ASCII) else json.dumps(text)

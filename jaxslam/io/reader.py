@@ -1,0 +1,79 @@
+"""One reader for every kind of log, chosen by what the file is."""
+
+from pathlib import Path
+
+from jaxslam.io.bag_file import MCAP_MAGIC, ROS1_MAGIC, SQLITE_MAGIC
+from jaxslam.io.carmen import read_carmen
+from jaxslam.io.log import LogError, SensorLog
+from jaxslam.io.rosbag import read_bag
+
+_GZIP_MAGIC = b"\x1f\x8b"
+_CARMEN_SUFFIXES = (".log", ".clf", ".gz", ".carmen")
+_BAG_SUFFIXES = (".bag", ".mcap", ".db3")
+_KINDS = (
+    "a CARMEN log (.log, .clf, also .gz), a ROS 1 bag (.bag), a ROS 2 bag (.mcap, .db3, or "
+    "its folder with metadata.yaml)"
+)
+
+
+def read_log(
+    path: str | Path,
+    *,
+    scan_topic: str | None = None,
+    odometry_topic: str | None = None,
+    imu_topic: str | None = None,
+    joint_topic: str | None = None,
+    fix_topic: str | None = None,
+) -> SensorLog:
+    """Reads a log of any kind; see `read_carmen` and `read_bag`.
+
+    The content decides (gzip, ROS 1 bag, MCAP, SQLite), then the suffix.
+
+    Args:
+        path: the log file, or the folder of a ROS 2 bag.
+        scan_topic: of a bag: topic of the scans; None chooses, for this and the other topics.
+        odometry_topic: of a bag: topic of the wheel odometry.
+        imu_topic: of a bag: topic of the inertial measurements.
+        joint_topic: of a bag: topic of the wheel angles.
+        fix_topic: of a bag: topic of the satellite fixes.
+
+    Returns:
+        The log; tracks it has nothing for are None.
+
+    Raises:
+        LogError: the file is not there, of no known kind, or cannot be used; topics were given for
+            a log that has none. One line: what is wrong, where, what to do.
+    """
+    path = Path(path)
+    topics = {
+        "scan_topic": scan_topic,
+        "odometry_topic": odometry_topic,
+        "imu_topic": imu_topic,
+        "joint_topic": joint_topic,
+        "fix_topic": fix_topic,
+    }
+    if _is_bag(path):
+        return read_bag(path, **topics)
+    given = [f"{name}={value!r}" for name, value in topics.items() if value is not None]
+    if given:
+        raise LogError(f"{path}: a CARMEN log has no topics: leave out {', '.join(given)}")
+    return read_carmen(path)
+
+
+def _is_bag(path: Path) -> bool:
+    if path.is_dir():
+        return True
+    if not path.exists():
+        raise LogError(f"{path}: no such file")
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(16)
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror}") from None
+    if head.startswith((ROS1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC)):
+        return True
+    if head.startswith(_GZIP_MAGIC) or path.suffix in _CARMEN_SUFFIXES:
+        return False
+    if path.suffix in _BAG_SUFFIXES:
+        return True
+    raise LogError(f"{path}: unknown kind of log: expected {_KINDS}")

@@ -1,0 +1,46 @@
+"""Ground-truth relations of the SLAM benchmark: relative poses between pairs of stamps.
+
+Kümmerle et al., On measuring the accuracy of SLAM algorithms, Autonomous Robots 27, 2009.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from jaxslam.io.poses import wrap_angle
+from jaxslam.io.tum import read_number_rows
+
+
+@dataclass(frozen=True)
+class Relations:
+    """Relative poses known to be right.
+
+    Attributes:
+        stamps_from: `[R]` seconds, time of pose i.
+        stamps_to: `[R]` seconds, time of pose j.
+        deltas: `[R, 3]` pose of j in the frame of i (m, m, rad).
+    """
+
+    stamps_from: Float64[np.ndarray, "R"]
+    stamps_to: Float64[np.ndarray, "R"]
+    deltas: Float64[np.ndarray, "R 3"]
+
+
+def read_relations(path: str | Path) -> Relations:
+    """Reads relations, `t1 t2 x y z roll pitch yaw` a line.
+
+    Args:
+        path: file to read. Lines that start with `#` are comments; z, roll and pitch are not used.
+
+    Returns:
+        The relations in the order of the file.
+
+    Raises:
+        LogError: the file is missing, empty, or one of its lines is not a relation (says which).
+    """
+    rows = read_number_rows(Path(path), 8, "t1 t2 x y z roll pitch yaw")
+    table = np.array([row for _, row in rows], dtype=np.float64)
+    deltas = np.stack([table[:, 2], table[:, 3], wrap_angle(table[:, 7])], axis=1)
+    return Relations(table[:, 0], table[:, 1], deltas)

@@ -1,0 +1,65 @@
+"""Repairing time stamps: sorting jitter, refusing clocks that jump back, spreading repeats."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+# Messages of several processes reach a logger out of order by milliseconds, over a network by a few
+# tenths of a second. A clock that was set back jumps by more, and then no order is the right one.
+MAX_BACKWARD_S = 1.0
+
+
+class BackwardSteps(NamedTuple):
+    """How far stamps run backwards.
+
+    Attributes:
+        num_backward: number of stamps smaller than an earlier one.
+        largest: the largest lag behind an earlier stamp, seconds; 0 for sorted stamps.
+        row: row of that lag.
+    """
+
+    num_backward: int
+    largest: float
+    row: int
+
+
+def backward_steps(stamps: Float64[np.ndarray, "M"]) -> BackwardSteps:
+    """Measures the disorder of stamps `[M]` in seconds."""
+    if stamps.size == 0:
+        return BackwardSteps(0, 0.0, 0)
+    lag = np.maximum.accumulate(stamps) - stamps
+    row = int(np.argmax(lag))
+    return BackwardSteps(int(np.count_nonzero(lag > 0)), float(lag[row]), row)
+
+
+def sorting_order(stamps: Float64[np.ndarray, "M"]) -> Int64[np.ndarray, "M"]:
+    """Rows in the order of time; equal stamps keep the order of the file."""
+    return np.argsort(stamps, kind="stable").astype(np.int64)
+
+
+def spread_repeats(stamps: Float64[np.ndarray, "M"]) -> tuple[Float64[np.ndarray, "M"], int]:
+    """Makes sorted stamps strictly increasing by spreading runs of equal ones.
+
+    A run of k equal stamps is spread evenly up to the next stamp; a run at the end goes on with the
+    median period. Readings are taken one after the other even where the clock did not advance, so
+    this is nearer to the truth than a time step of zero, which no motion model can use.
+
+    Args:
+        stamps: `[M]` seconds, not decreasing.
+
+    Returns:
+        The stamps `[M]` and the number of stamps that were moved.
+
+    Example:
+        `[0, 1, 1, 2]` becomes `[0, 1, 1.5, 2]`, one moved.
+    """
+    distinct, first, counts = np.unique(stamps, return_index=True, return_counts=True)
+    moved = int(stamps.size - distinct.size)
+    if moved == 0:
+        return stamps.copy(), 0
+    steps = np.diff(distinct)
+    period = float(np.median(steps)) if steps.size else 1.0
+    room = np.append(steps, period)
+    within = np.arange(stamps.size) - np.repeat(first, counts)
+    return stamps + within * np.repeat(room / counts, counts), moved

@@ -1,0 +1,83 @@
+"""Choosing the topics of a bag: by name where asked for, else the usual one."""
+
+import difflib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from jaxslam.io.log import LogError
+
+SCAN = "sensor_msgs/msg/LaserScan"
+ODOMETRY = "nav_msgs/msg/Odometry"
+IMU = "sensor_msgs/msg/Imu"
+JOINT = "sensor_msgs/msg/JointState"
+FIX = "sensor_msgs/msg/NavSatFix"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+
+# Names by which robots publish each kind, the most usual first.
+_USUAL_NAMES: dict[str, Sequence[str]] = {
+    SCAN: ("/scan", "/base_scan", "/laser_scan", "/front/scan", "/scan_front", "/scan_raw"),
+    ODOMETRY: ("/odom", "/odometry", "/wheel_odom", "/wheel/odometry", "/odom_raw"),
+    IMU: ("/imu", "/imu/data", "/imu/data_raw", "/imu_raw"),
+    JOINT: ("/joint_states",),
+    FIX: ("/fix", "/gps/fix", "/navsat/fix"),
+}
+
+
+def choose_topic(
+    path: Path, topics: Mapping[str, tuple[str, int]], kind: str, wanted: str | None
+) -> tuple[str | None, str | None]:
+    """Picks the topic of one message type.
+
+    Args:
+        path: the bag, for error messages.
+        topics: message type and number of messages by topic.
+        kind: the message type.
+        wanted: a topic by name, with or without the leading slash; None to choose: the one with a
+            usual name, else the one with most messages.
+
+    Returns:
+        The topic, None where no topic of that type has a message; and a warning where there was a
+        choice, else None.
+
+    Raises:
+        LogError: the wanted topic is not there, is of another type or has no message.
+    """
+    filled = {name: count for name, (type_, count) in topics.items() if type_ == kind and count}
+    if wanted is not None:
+        return _named_topic(path, topics, kind, filled, wanted), None
+    if not filled:
+        return None, None
+    usual = [name for name in _USUAL_NAMES[kind] if name in filled]
+    chosen = usual[0] if usual else max(filled, key=lambda name: (filled[name], name))
+    if len(filled) == 1:
+        return chosen, None
+    others = _listed({name: count for name, count in filled.items() if name != chosen})
+    return chosen, f"{chosen} chosen as {_short(kind)} of {len(filled)} topics; not used: {others}"
+
+
+def _named_topic(
+    path: Path,
+    topics: Mapping[str, tuple[str, int]],
+    kind: str,
+    filled: Mapping[str, int],
+    wanted: str,
+) -> str:
+    name = next((name for name in (wanted, f"/{wanted}") if name in topics), None)
+    if name is not None and name in filled:
+        return name
+    if name is None:
+        nearest = difflib.get_close_matches(wanted, filled or topics, n=1, cutoff=0.0)
+        fault = f"no topic '{wanted}'" + (f", did you mean '{nearest[0]}'?" if nearest else "")
+    elif topics[name][0] == kind:
+        fault = f"topic '{name}' has no messages"
+    else:
+        fault = f"topic '{name}' is {_short(topics[name][0])}, not {_short(kind)}"
+    raise LogError(f"{path}: {fault}: {_short(kind)} topics here: {_listed(filled) or 'none'}")
+
+
+def _short(kind: str) -> str:
+    return kind.replace("/msg/", "/")
+
+
+def _listed(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{name} ({count})" for name, count in sorted(counts.items()))

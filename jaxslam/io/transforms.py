@@ -1,0 +1,93 @@
+"""Static transforms of a robot: where a sensor is mounted, from the tree of `/tf_static`."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64
+
+# A lidar that leans by more than this no longer measures in the plane of the map.
+TILT_WARNING = np.deg2rad(5.0)
+
+
+def transform_matrix(
+    translation: Float64[np.ndarray, "3"], quaternion: Float64[np.ndarray, "4"]
+) -> Float64[np.ndarray, "4 4"]:
+    """Homogeneous matrix of a translation in metres and a quaternion x, y, z, w of any norm.
+
+    Raises:
+        ValueError: the quaternion is zero or something is not finite.
+    """
+    norm = float(np.linalg.norm(quaternion))
+    if not np.isfinite(translation).all() or not np.isfinite(norm) or norm < 1e-6:
+        raise ValueError(f"no rigid transform: translation {translation}, quaternion {quaternion}")
+    x, y, z, w = quaternion / norm
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    matrix[:3, 3] = translation
+    return matrix
+
+
+@dataclass(frozen=True)
+class TransformTree:
+    """Frames and their parents.
+
+    Attributes:
+        parents: by child frame: its parent frame and the pose `[4, 4]` of the child in it.
+    """
+
+    parents: Mapping[str, tuple[str, Float64[np.ndarray, "4 4"]]] = field(default_factory=dict)
+
+    def find(self, frame_a: str, frame_b: str) -> Float64[np.ndarray, "4 4"] | None:
+        """Pose `[4, 4]` of `frame_b` in `frame_a`, or None where the tree does not connect them."""
+        root_a, pose_root_a = self._to_root(frame_a)
+        root_b, pose_root_b = self._to_root(frame_b)
+        if root_a != root_b:
+            return None
+        return np.linalg.solve(pose_root_a, pose_root_b)
+
+    def _to_root(self, frame: str) -> tuple[str, Float64[np.ndarray, "4 4"]]:
+        pose = np.eye(4)
+        visited = {frame}
+        while frame in self.parents:
+            frame, pose_parent_child = self.parents[frame]
+            pose = pose_parent_child @ pose
+            if frame in visited:  # A loop is no tree; stop where it closes.
+                break
+            visited.add(frame)
+        return frame, pose
+
+
+class PlanarMounting(NamedTuple):
+    """A lidar's mounting in the plane.
+
+    Attributes:
+        pose: `[3]` pose of the lidar in the base frame (m, m, rad).
+        upside_down: whether the scan runs mirrored, so that beam angles change their sign.
+        tilt: angle of the scan plane to the horizontal, radians in [0, π/2].
+    """
+
+    pose: Float64[np.ndarray, "3"]
+    upside_down: bool
+    tilt: float
+
+
+def planar_mounting(pose_base_lidar: Float64[np.ndarray, "4 4"]) -> PlanarMounting:
+    """Projects a lidar's mounting onto the plane.
+
+    With the lidar's z axis pointing down a beam at angle a in the lidar frame points at yaw − a in
+    the base frame, so the angles are to be negated and the heading is that of the lidar's x axis.
+
+    Example:
+        Roll π at x = 0.1 m gives the pose (0.1, 0, 0), upside down, no tilt.
+    """
+    rotation = pose_base_lidar[:3, :3]
+    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
+    pose = np.array([pose_base_lidar[0, 3], pose_base_lidar[1, 3], yaw])
+    tilt = float(np.arccos(np.clip(abs(rotation[2, 2]), 0.0, 1.0)))
+    return PlanarMounting(pose, bool(rotation[2, 2] < 0), tilt)

@@ -1,0 +1,105 @@
+"""Trajectories in the TUM format: `t tx ty tz qx qy qz qw`, one pose a line, `#` for comments."""
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from jaxslam.io.log import LogError
+from jaxslam.io.poses import yaw_from_quaternion
+
+
+def write_tum(
+    path: str | Path,
+    stamps: Float64[np.ndarray, "M"],
+    poses: Float64[np.ndarray, "M 3"],
+    comment: str | None = None,
+) -> None:
+    """Writes a planar trajectory.
+
+    Args:
+        path: file to write; an existing one is replaced.
+        stamps: `[M]` seconds, written with microseconds.
+        poses: `[M, 3]` x m, y m, theta rad, written to a micrometre and 1e-9 in the quaternion.
+        comment: text for the head of the file; each of its lines becomes a comment.
+
+    Raises:
+        ValueError: a stamp or pose is not finite.
+    """
+    bad = np.flatnonzero(~(np.isfinite(stamps) & np.isfinite(poses).all(axis=1)))
+    if bad.size:
+        row = int(bad[0])
+        raise ValueError(
+            f"{path}: pose {row} of the trajectory is not finite ({poses[row].tolist()} at "
+            f"{stamps[row]!r} s): leave out the poses that are not known"
+        )
+    lines = [f"# {line}" for line in (comment or "").splitlines()]
+    lines.append("# timestamp tx ty tz qx qy qz qw")
+    half = poses[:, 2] / 2
+    for stamp, (x, y, _), qz, qw in zip(stamps, poses, np.sin(half), np.cos(half), strict=True):
+        lines.append(f"{stamp:.6f} {x:.6f} {y:.6f} 0 0 0 {qz:.9f} {qw:.9f}")
+    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def read_tum(path: str | Path) -> tuple[Float64[np.ndarray, "M"], Float64[np.ndarray, "M 3"]]:
+    """Reads a trajectory; one in 3-D is projected to x, y and the yaw of its heading.
+
+    Args:
+        path: file to read. Fields are separated by blanks or commas.
+
+    Returns:
+        Stamps `[M]` in seconds, in the order of the file, and poses `[M, 3]`.
+
+    Raises:
+        LogError: the file is missing, empty, or one of its lines is not a pose (says which).
+    """
+    path = Path(path)
+    rows = read_number_rows(path, 8, "timestamp tx ty tz qx qy qz qw")
+    table = np.array([row for _, row in rows], dtype=np.float64)
+    quaternions = table[:, 4:8]
+    null = np.flatnonzero(np.linalg.norm(quaternions, axis=1) < 1e-6)
+    if null.size:
+        raise LogError(
+            f"{path}:{rows[int(null[0])][0]}: the quaternion is zero: write a unit quaternion "
+            "(0 0 0 1 for no rotation)"
+        )
+    poses = np.stack([table[:, 1], table[:, 2], yaw_from_quaternion(quaternions)], axis=1)
+    return table[:, 0], poses
+
+
+def read_number_rows(path: Path, columns: int, names: str) -> list[tuple[int, list[float]]]:
+    """Rows of a table of finite numbers in a text file, each with its line number.
+
+    Args:
+        path: text file; blank lines and lines that start with `#` are skipped.
+        columns: numbers a line has.
+        names: the columns by name, for the error message.
+
+    Raises:
+        LogError: the file cannot be read, has no row, or a line is not `columns` finite numbers.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise LogError(f"{path}: no such file") from None
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise LogError(f"{path}: not a text file: expected lines '{names}'") from None
+    rows = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        fields = line.replace(",", " ").split()
+        if not fields or fields[0].startswith("#"):
+            continue
+        try:
+            row = [float(field) for field in fields]
+        except ValueError:
+            raise LogError(f"{path}:{number}: not a number: expected '{names}'") from None
+        if len(row) != columns:
+            raise LogError(f"{path}:{number}: {len(row)} fields, not {columns}: expected '{names}'")
+        if not np.isfinite(row).all():
+            raise LogError(f"{path}:{number}: a value is not finite: remove this line")
+        rows.append((number, row))
+    if not rows:
+        raise LogError(f"{path}: has no data: expected lines '{names}'")
+    return rows

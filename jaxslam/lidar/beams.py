@@ -1,0 +1,38 @@
+"""From ranges and bearings to points in the robot's base frame."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from jaxslam import se2
+from jaxslam.types import LidarScan
+
+
+class ScanPoints(eqx.Module):
+    """Where the beams of one scan ended.
+
+    Attributes:
+        points: `[B, 2]` metres, base frame; the lidar's own position where a beam is not valid.
+        valid: `[B]` whether the beam returned.
+    """
+
+    points: Float[Array, "B 2"]
+    valid: Bool[Array, "B"]
+
+
+def scan_points(scan: LidarScan, max_beams: int | None = None) -> ScanPoints:
+    """End points of a scan's beams in the base frame.
+
+    Args:
+        scan: ranges `[B]` in metres and mask `[B]`.
+        max_beams: at most this many beams, evenly spread over the scan; None keeps all.
+    """
+    angles, ranges, valid = scan.angles(), scan.ranges, scan.valid
+    if max_beams is not None and max_beams < scan.num_beams:
+        # Whole strides would throw away up to half of what is allowed.
+        chosen = np.round(np.linspace(0, scan.num_beams - 1, max_beams)).astype(np.int32)
+        angles, ranges, valid = angles[chosen], ranges[chosen], valid[chosen]
+    ranges = jnp.where(valid, ranges, 0.0)
+    points_lidar = jnp.stack([ranges * jnp.cos(angles), ranges * jnp.sin(angles)], axis=-1)
+    return ScanPoints(se2.apply(scan.pose_base_lidar, points_lidar), valid)

@@ -1,0 +1,95 @@
+"""Correlative scan matching: exhaustive search, coarse first, for when the pose is lost."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxslam import se2
+from jaxslam.lidar.beams import ScanPoints
+from jaxslam.matching.gauss_newton import PosePrior
+from jaxslam.sensor.field import DistanceField, Field
+
+
+class CorrelativeSearch(eqx.Module):
+    """Best-scoring pose of a lattice around a start, on the coarse field and then on the fine one.
+
+    The score of a pose is the sum over beams of exp(−d²/2σ²) times `beam_score` plus the prior's log.
+
+    Attributes:
+        reach: half the side of the searched square, metres.
+        reach_rotation: half the searched angle, radians.
+        sigma_cells: σ, cells of the level that is searched.
+        beam_score: what one beam on an obstacle is worth against the prior, nats.
+        num_translations: lattice points along x and y on the coarse level (static, odd).
+        num_rotations: headings on the coarse level (static, odd).
+        num_beams: beams looked at on the coarse level (static).
+
+    References:
+        Olson 2009, Real-time correlative scan matching (two resolutions).
+    """
+
+    reach: float | Float[Array, ""] = 1.2
+    reach_rotation: float | Float[Array, ""] = 0.6
+    sigma_cells: float | Float[Array, ""] = 1.5
+    beam_score: float | Float[Array, ""] = 0.2
+    num_translations: int = eqx.field(static=True, default=13)
+    num_rotations: int = eqx.field(static=True, default=25)
+    num_beams: int = eqx.field(static=True, default=60)
+
+    def search(
+        self, field: Field, ends: ScanPoints, start: Float[Array, "3"], prior: PosePrior
+    ) -> Float[Array, "3"]:
+        """Best pose `[3]` found; the start itself is a lattice point."""
+        total = ends.valid.shape[0]
+        spread = np.unique(np.round(np.linspace(0, total - 1, min(self.num_beams, total))).astype(int))
+        few = ScanPoints(ends.points[spread], ends.valid[spread])
+        share = total / len(spread)
+        step = 2 * self.reach / (self.num_translations - 1)
+        step_rotation = 2 * self.reach_rotation / (self.num_rotations - 1)
+        coarse = _lattice(self.num_translations, self.num_rotations, step, step_rotation)
+        found = self._best(field.coarse, few, start, prior, coarse, share)
+        # Seven points a side over ±½ coarse step: at most one fine cell apart.
+        fine = _lattice(7, 5, step / 6, step_rotation / 4)
+        return self._best(field.fine, ends, found, prior, fine, 1.0)
+
+    def _best(
+        self,
+        level: DistanceField,
+        ends: ScanPoints,
+        centre: Float[Array, "3"],
+        prior: PosePrior,
+        lattice: Float[Array, "headings offsets 3"],
+        share: float,
+    ) -> Float[Array, "3"]:
+        """Highest-scoring of centre + lattice, one heading at a time so that memory stays small."""
+
+        def heading(
+            offsets: Float[Array, "offsets 3"],
+        ) -> tuple[Float[Array, ""], Float[Array, "3"]]:
+            poses = centre[None] + offsets
+
+            def score(pose: Float[Array, "3"]) -> Float[Array, ""]:
+                squared = level.squared_distance(se2.apply(pose, ends.points)) / level.resolution**2
+                hits = jnp.where(ends.valid, jnp.exp(-0.5 * squared / self.sigma_cells**2), 0.0)
+                return share * self.beam_score * jnp.sum(hits) + prior.log_prob(pose)
+
+            scores = jax.vmap(score)(poses)
+            return jnp.max(scores), poses[jnp.argmax(scores)]
+
+        scores, poses = jax.lax.map(heading, lattice)
+        best = poses[jnp.argmax(scores)]
+        return best.at[2].set(se2.wrap(best[2]))
+
+
+def _lattice(
+    num_translations: int,
+    num_rotations: int,
+    step: float | Float[Array, ""],
+    step_rotation: float | Float[Array, ""],
+) -> Float[Array, "headings offsets 3"]:
+    side = jnp.asarray(np.arange(num_translations) - num_translations // 2, jnp.float32) * step
+    turn = jnp.asarray(np.arange(num_rotations) - num_rotations // 2, jnp.float32) * step_rotation
+    theta, x, y = jnp.meshgrid(turn, side, side, indexing="ij")
+    return jnp.stack([x, y, theta], axis=-1).reshape(num_rotations, num_translations**2, 3)

@@ -1,0 +1,105 @@
+"""Bringing two trajectories together: in time by their stamps, in space by a rigid motion."""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from jaxslam.io.poses import compose_poses, wrap_angle
+from jaxslam.metrics.tracks import check_poses, check_stamps
+
+
+def associate(
+    stamps_reference: Float[np.ndarray, "R"],
+    stamps_estimate: Float[np.ndarray, "M"],
+    max_difference: float,
+) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
+    """Matches stamps one to one: pairs of which each is the other's nearest in time.
+
+    Args:
+        stamps_reference: `[R]` seconds, not decreasing.
+        stamps_estimate: `[M]` seconds, not decreasing.
+        max_difference: largest difference of a pair, seconds.
+
+    Returns:
+        Indices `[n]` into the reference and `[n]` into the estimate.
+
+    Raises:
+        ValueError: if a stamp is not finite or runs backwards, `max_difference` is negative, or
+            nothing matches.
+
+    Example:
+        `associate([0, 1, 2], [0.9, 1.2, 2.1], 0.5)` is `([1, 2], [0, 2])`.
+    """
+    check_stamps(stamps_reference, "reference")
+    check_stamps(stamps_estimate, "estimate")
+    if not max_difference >= 0:
+        raise ValueError(f"max_difference is {max_difference}: give a number of seconds >= 0")
+    to_estimate = _nearest(stamps_estimate, stamps_reference)
+    to_reference = _nearest(stamps_reference, stamps_estimate)
+    index = np.arange(len(stamps_reference))
+    difference = np.abs(stamps_estimate[to_estimate] - stamps_reference)
+    matched = (to_reference[to_estimate] == index) & (difference <= max_difference)
+    if not matched.any():
+        raise ValueError(
+            f"no stamps match within {max_difference} s: the reference covers "
+            f"{stamps_reference[0]:.3f} to {stamps_reference[-1]:.3f} s, the estimate "
+            f"{stamps_estimate[0]:.3f} to {stamps_estimate[-1]:.3f} s; check the clocks or raise "
+            "max_difference"
+        )
+    return index[matched], to_estimate[matched]
+
+
+def align_se2(
+    reference: Float[np.ndarray, "_ 3"], estimate: Float[np.ndarray, "_ 3"]
+) -> Float[np.ndarray, "3"]:
+    """The rigid motion that brings an estimate closest to its reference, in least squares.
+
+    Only positions count. The plane has a closed form: the centred sums of dot and cross products
+    are proportional to the cosine and the sine of the rotation.
+
+    Args:
+        reference: `[n, 3]` poses (m, m, rad).
+        estimate: `[n, 3]` poses matched to them, in their own frame.
+
+    Returns:
+        `[3]` pose of the estimate's frame in the reference's: `compose_poses(result, estimate)` is
+        the aligned estimate.
+
+    Raises:
+        ValueError: if lengths differ, a value is not finite, there are fewer than two poses, or the
+            positions do not determine a rotation (the robot never moved).
+
+    References:
+        Umeyama, Least-squares estimation of transformation parameters between two point patterns,
+        PAMI 1991, eq. 40 and 41 with scale 1.
+    """
+    check_poses(reference, "reference", len(reference))
+    check_poses(estimate, "estimate", len(reference))
+    if len(reference) < 2:
+        raise ValueError(
+            f"{len(reference)} matched pose cannot fix a rotation: give two or more, or align by 'first_pose'"
+        )
+    points_reference = reference[:, :2].astype(float)
+    points_estimate = estimate[:, :2].astype(float)
+    mean_reference, mean_estimate = points_reference.mean(axis=0), points_estimate.mean(axis=0)
+    p, q = points_estimate - mean_estimate, points_reference - mean_reference
+    cosine = np.sum(p * q)
+    sine = np.sum(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])
+    # Sums of this size are what rounding of the coordinates alone can make.
+    rounding = 64 * np.finfo(float).eps * len(p)
+    rounding *= np.abs(points_estimate).max() * np.abs(points_reference).max()
+    if np.hypot(cosine, sine) <= rounding:
+        raise ValueError(
+            f"the {len(p)} matched positions do not determine a rotation (the robot stands still "
+            "in one of the trajectories): align by 'first_pose'"
+        )
+    rotation = wrap_angle(np.array([0.0, 0.0, np.arctan2(sine, cosine)]))
+    turned_mean = compose_poses(rotation, np.append(mean_estimate, 0.0))
+    return np.append(mean_reference - turned_mean[:2], rotation[2])
+
+
+def _nearest(sorted_values: Float[np.ndarray, "a"], queries: Float[np.ndarray, "b"]) -> Int[np.ndarray, "b"]:
+    """Index of the value nearest to each query; the earlier one of two as near."""
+    right = np.clip(np.searchsorted(sorted_values, queries), 0, len(sorted_values) - 1)
+    left = np.maximum(right - 1, 0)
+    nearer_left = np.abs(queries - sorted_values[left]) <= np.abs(sorted_values[right] - queries)
+    return np.where(nearer_left, left, right)

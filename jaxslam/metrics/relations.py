@@ -1,0 +1,185 @@
+"""The relation metric of the SLAM benchmark: local accuracy against known relative poses.
+
+A global comparison punishes one early heading error on the whole rest of the path; relations
+between poses do not.
+
+References:
+    Kümmerle et al., On measuring the accuracy of SLAM algorithms, Autonomous Robots 27, 2009.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Float64
+
+from jaxslam.io.poses import compose_poses, interpolate_poses, relative_poses
+from jaxslam.metrics.tracks import check_poses, check_stamps
+
+# Logs and relation files print stamps with few decimals, so equal times differ by rounding.
+_STAMP_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class RelationError:
+    """Statistics of the relation errors; always quote `n` with them.
+
+    The benchmark's tables print mean ± std of the absolute errors and of the squared ones.
+
+    Attributes:
+        n: relations used.
+        n_unused: relations outside the time that the trajectory and the odometry cover.
+        trans_mean_m, trans_std_m, trans_max_m: of the translational errors, metres (ddof 0).
+        rot_mean_deg, rot_std_deg, rot_max_deg: of the absolute rotational errors, degrees.
+        trans_squared_mean_m2: mean squared translational error, m².
+        rot_squared_mean_deg2: mean squared rotational error, deg².
+    """
+
+    n: int
+    n_unused: int
+    trans_mean_m: float
+    trans_std_m: float
+    trans_max_m: float
+    rot_mean_deg: float
+    rot_std_deg: float
+    rot_max_deg: float
+    trans_squared_mean_m2: float
+    rot_squared_mean_deg2: float
+
+
+def relation_errors(
+    stamps: Float[np.ndarray, "_"],
+    poses: Float[np.ndarray, "_ 3"],
+    odometry_stamps: Float[np.ndarray, "_"],
+    odometry_poses: Float[np.ndarray, "_ 3"],
+    stamps_from: Float[np.ndarray, "_"],
+    stamps_to: Float[np.ndarray, "_"],
+    deltas: Float[np.ndarray, "_ 3"],
+) -> RelationError:
+    """Statistics of the errors (x_j ⊖ x_i) ⊖ δ_ij over all relations that the trajectory covers.
+
+    A relation's stamps may lie between two poses: the pose there is the last one at or before it,
+    moved on by the odometry since, itself interpolated at both stamps.
+
+    Args:
+        stamps: `[M]` seconds, not decreasing: times of the SLAM poses.
+        poses: `[M, 3]` SLAM poses in the world frame (m, m, rad).
+        odometry_stamps: `[K]` seconds, not decreasing.
+        odometry_poses: `[K, 3]` integrated odometry in its own frame (m, m, rad).
+        stamps_from: `[R]` seconds, times of poses i.
+        stamps_to: `[R]` seconds, times of poses j.
+        deltas: `[R, 3]` true pose of j in the frame of i (m, m, rad).
+
+    Raises:
+        ValueError: on unequal lengths, empty tracks, values that are not finite, stamps that run
+            backwards, or when the trajectory covers no relation at all.
+
+    References:
+        Kümmerle et al. 2009; absolute and squared errors are the two that its tables print.
+
+    Example:
+        Poses (0, 0, 0) and (1.1, 0, 0), relation (1, 0, 0): 0.1 m in translation, 0 in rotation.
+    """
+    translation, rotation = relation_residuals(
+        stamps, poses, odometry_stamps, odometry_poses, stamps_from, stamps_to, deltas
+    )
+    used = np.isfinite(translation)
+    if not used.any():
+        raise ValueError(
+            f"none of the {len(used)} relations ({_span(stamps_from, stamps_to)}) lies within the "
+            f"trajectory ({_span(stamps)}) and the odometry ({_span(odometry_stamps)}): "
+            "check that they belong to the same log and clock"
+        )
+    metres, degrees = translation[used], np.rad2deg(rotation[used])
+    return RelationError(
+        n=int(used.sum()),
+        n_unused=int((~used).sum()),
+        trans_mean_m=float(metres.mean()),
+        trans_std_m=float(metres.std()),
+        trans_max_m=float(metres.max()),
+        rot_mean_deg=float(degrees.mean()),
+        rot_std_deg=float(degrees.std()),
+        rot_max_deg=float(degrees.max()),
+        trans_squared_mean_m2=float(np.mean(metres**2)),
+        rot_squared_mean_deg2=float(np.mean(degrees**2)),
+    )
+
+
+def relation_residuals(
+    stamps: Float[np.ndarray, "_"],
+    poses: Float[np.ndarray, "_ 3"],
+    odometry_stamps: Float[np.ndarray, "_"],
+    odometry_poses: Float[np.ndarray, "_ 3"],
+    stamps_from: Float[np.ndarray, "_"],
+    stamps_to: Float[np.ndarray, "_"],
+    deltas: Float[np.ndarray, "_ 3"],
+) -> tuple[Float64[np.ndarray, "_"], Float64[np.ndarray, "_"]]:
+    """Error of every relation, to find the ones that went wrong. Arguments as `relation_errors`.
+
+    Returns:
+        `[R]` translational errors in metres and `[R]` absolute rotational errors in radians, NaN
+        where a relation is not used.
+
+    Raises:
+        ValueError: as `relation_errors`, except that no used relation is no error.
+    """
+    for track_stamps, track_poses, name in (
+        (stamps, poses, "trajectory"),
+        (odometry_stamps, odometry_poses, "odometry"),
+    ):
+        check_stamps(track_stamps, name)
+        check_poses(track_poses, name, len(track_stamps))
+    _check_relations(stamps_from, stamps_to, deltas)
+    track = (stamps.astype(float), poses.astype(float))
+    odometry = (odometry_stamps.astype(float), odometry_poses.astype(float))
+    pose_from, covered_from = _poses_at(stamps_from.astype(float), *track, *odometry)
+    pose_to, covered_to = _poses_at(stamps_to.astype(float), *track, *odometry)
+    error = relative_poses(deltas.astype(float), relative_poses(pose_from, pose_to))
+    used = covered_from & covered_to
+    translation = np.where(used, np.linalg.norm(error[:, :2], axis=1), np.nan)
+    return translation, np.where(used, np.abs(error[:, 2]), np.nan)
+
+
+def _poses_at(
+    query: Float64[np.ndarray, "Q"],
+    stamps: Float64[np.ndarray, "M"],
+    poses: Float64[np.ndarray, "M 3"],
+    odometry_stamps: Float64[np.ndarray, "K"],
+    odometry_poses: Float64[np.ndarray, "K 3"],
+) -> tuple[Float64[np.ndarray, "Q 3"], Bool[np.ndarray, "Q"]]:
+    """Pose at each stamp, and whether trajectory and odometry cover it."""
+    last = np.searchsorted(stamps, query + _STAMP_TOLERANCE, side="right") - 1
+    inside = (last >= 0) & (query <= stamps[-1] + _STAMP_TOLERANCE)
+    last = np.maximum(last, 0)
+    since = stamps[last]
+    moved = relative_poses(
+        interpolate_poses(odometry_stamps, odometry_poses, since),
+        interpolate_poses(odometry_stamps, odometry_poses, query),
+    )
+    # At a SLAM pose nothing has to be added; elsewhere odometry held at its end would be made up.
+    exact = np.abs(query - since) <= _STAMP_TOLERANCE
+    bridged = (since >= odometry_stamps[0] - _STAMP_TOLERANCE) & (
+        query <= odometry_stamps[-1] + _STAMP_TOLERANCE
+    )
+    moved = np.where(exact[:, None], 0.0, moved)
+    return compose_poses(poses[last], moved), inside & (exact | bridged)
+
+
+def _span(*stamps: Float[np.ndarray, "_"]) -> str:
+    values = np.concatenate(stamps)
+    return f"{values.min():.3f} to {values.max():.3f} s" if values.size else "empty"
+
+
+def _check_relations(
+    stamps_from: Float[np.ndarray, "_"],
+    stamps_to: Float[np.ndarray, "_"],
+    deltas: Float[np.ndarray, "_ 3"],
+) -> None:
+    if not len(stamps_from) == len(stamps_to) == len(deltas):
+        raise ValueError(
+            f"{len(stamps_from)} from-stamps, {len(stamps_to)} to-stamps and {len(deltas)} deltas: "
+            "give one of each per relation"
+        )
+    finite = np.isfinite(stamps_from) & np.isfinite(stamps_to) & np.isfinite(deltas).all(axis=1)
+    if not finite.all():
+        index = int(np.flatnonzero(~finite)[0])
+        raise ValueError(f"relation {index} is not finite ({deltas[index]}): drop it")

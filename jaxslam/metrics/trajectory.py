@@ -1,0 +1,228 @@
+"""Absolute and relative trajectory error of stamped planar poses (ATE and RPE)."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from jaxslam.io.poses import compose_poses, invert_poses, relative_poses, wrap_angle
+from jaxslam.metrics.alignment import align_se2, associate
+from jaxslam.metrics.tracks import check_poses
+
+Alignment = Literal["se2", "first_pose", False]
+Unit = Literal["frames", "meters", "seconds"]
+
+
+@dataclass(frozen=True)
+class TrajectoryError:
+    """Error statistics of one trajectory.
+
+    Attributes:
+        rmse_m, mean_m, std_m, max_m: of the position errors, metres (std with ddof 0).
+        rot_rmse_deg: root mean square of the heading errors, degrees.
+        n: matched poses (ATE) or pose pairs (RPE).
+    """
+
+    rmse_m: float
+    mean_m: float
+    std_m: float
+    max_m: float
+    rot_rmse_deg: float
+    n: int
+
+
+@dataclass(frozen=True)
+class PoseErrors:
+    """Error of every matched pose, for curves over time.
+
+    Attributes:
+        stamps: `[n]` reference stamps, seconds.
+        position_m: `[n]` distance to the reference, metres.
+        heading_rad: `[n]` heading minus the reference's, radians in [−π, π).
+    """
+
+    stamps: Float[np.ndarray, "n"]
+    position_m: Float[np.ndarray, "n"]
+    heading_rad: Float[np.ndarray, "n"]
+
+
+def pose_errors(
+    stamps_reference: Float[np.ndarray, "_"],
+    poses_reference: Float[np.ndarray, "_ 3"],
+    stamps_estimate: Float[np.ndarray, "_"],
+    poses_estimate: Float[np.ndarray, "_ 3"],
+    *,
+    align: Alignment = "se2",
+    max_difference: float = 0.01,
+) -> PoseErrors:
+    """Error of each matched pose after alignment. Arguments as in `absolute_trajectory_error`."""
+    if align not in ("se2", "first_pose", False):
+        raise ValueError(f"align is {align!r}: give 'se2', 'first_pose' or False")
+    stamps, reference, estimate = _matched(
+        stamps_reference, poses_reference, stamps_estimate, poses_estimate, max_difference
+    )
+    if align == "se2":
+        estimate = compose_poses(align_se2(reference, estimate)[None], estimate)
+    elif align == "first_pose":
+        estimate = compose_poses(compose_poses(reference[:1], invert_poses(estimate[:1])), estimate)
+    return PoseErrors(
+        stamps=stamps,
+        position_m=np.linalg.norm(estimate[:, :2] - reference[:, :2], axis=1),
+        heading_rad=wrap_angle(estimate[:, 2] - reference[:, 2]),
+    )
+
+
+def absolute_trajectory_error(
+    stamps_reference: Float[np.ndarray, "_"],
+    poses_reference: Float[np.ndarray, "_ 3"],
+    stamps_estimate: Float[np.ndarray, "_"],
+    poses_estimate: Float[np.ndarray, "_ 3"],
+    *,
+    align: Alignment = "se2",
+    max_difference: float = 0.01,
+) -> TrajectoryError:
+    """Absolute trajectory error: distance to the reference at matched stamps, after alignment.
+
+    Args:
+        stamps_reference: `[R]` seconds, not decreasing.
+        poses_reference: `[R, 3]` (m, m, rad).
+        stamps_estimate: `[M]` seconds on the same clock, not decreasing.
+        poses_estimate: `[M, 3]` (m, m, rad), in any frame unless `align` is False.
+        align: "se2" moves the whole estimate for the least squared position error; "first_pose"
+            puts its first matched pose onto the reference's; False compares as given.
+        max_difference: largest difference of matched stamps, seconds.
+
+    Raises:
+        ValueError: on unequal lengths, values that are not finite, stamps that run backwards or do
+            not overlap, or an alignment that the data do not determine.
+
+    References:
+        Sturm et al., A benchmark for the evaluation of RGB-D SLAM systems, IROS 2012.
+    """
+    errors = pose_errors(
+        stamps_reference,
+        poses_reference,
+        stamps_estimate,
+        poses_estimate,
+        align=align,
+        max_difference=max_difference,
+    )
+    return _statistics(errors.position_m, errors.heading_rad)
+
+
+def relative_pose_error(
+    stamps_reference: Float[np.ndarray, "_"],
+    poses_reference: Float[np.ndarray, "_ 3"],
+    stamps_estimate: Float[np.ndarray, "_"],
+    poses_estimate: Float[np.ndarray, "_ 3"],
+    *,
+    delta: float,
+    unit: Unit = "frames",
+    all_pairs: bool = True,
+    max_difference: float = 0.01,
+) -> TrajectoryError:
+    """Relative pose error: drift over a fixed number of frames, path length or time.
+
+    The error of the pair (i, j) is the motion left between the two relative motions,
+    (r_j ⊖ r_i)⁻¹ ⊕ (e_j ⊖ e_i): its translation and rotation. No alignment is needed. `j` is the
+    first pose that is `delta` or more after `i`, path and time measured along the reference.
+
+    Args:
+        stamps_reference: `[R]` seconds, not decreasing.
+        poses_reference: `[R, 3]` (m, m, rad).
+        stamps_estimate: `[M]` seconds on the same clock, not decreasing.
+        poses_estimate: `[M, 3]` (m, m, rad), in any frame.
+        delta: length of a pair, in `unit`.
+        unit: "frames" (matched poses), "meters" or "seconds".
+        all_pairs: start a pair at every pose (they overlap); otherwise each pair starts where the
+            last ended, as evo does by default.
+        max_difference: largest difference of matched stamps, seconds.
+
+    Raises:
+        ValueError: as `absolute_trajectory_error`, or if `delta` is not positive, not a whole
+            number of frames, or longer than the trajectory.
+
+    References:
+        Sturm et al., A benchmark for the evaluation of RGB-D SLAM systems, IROS 2012.
+    """
+    stamps, reference, estimate = _matched(
+        stamps_reference, poses_reference, stamps_estimate, poses_estimate, max_difference
+    )
+    start, end = _pairs(stamps, reference, delta, unit, all_pairs)
+    motion_reference = relative_poses(reference[start], reference[end])
+    motion_estimate = relative_poses(estimate[start], estimate[end])
+    error = relative_poses(motion_reference, motion_estimate)
+    return _statistics(np.linalg.norm(error[:, :2], axis=1), error[:, 2])
+
+
+def _pairs(
+    stamps: Float[np.ndarray, "n"],
+    poses: Float[np.ndarray, "n 3"],
+    delta: float,
+    unit: Unit,
+    all_pairs: bool,
+) -> tuple[Int[np.ndarray, "k"], Int[np.ndarray, "k"]]:
+    """First and last index of every pair that spans `delta`."""
+    if not (np.isfinite(delta) and delta > 0):
+        raise ValueError(f"delta is {delta}: give a positive number of {unit}")
+    if unit == "frames":
+        if delta != round(delta):
+            raise ValueError(f"delta is {delta} frames: give a whole number")
+        progress = np.arange(len(stamps), dtype=float)
+    elif unit == "meters":
+        steps = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1)
+        progress = np.append(0.0, np.cumsum(steps))
+    elif unit == "seconds":
+        progress = stamps - stamps[0]
+    else:
+        raise ValueError(f"unit is {unit!r}: give 'frames', 'meters' or 'seconds'")
+    # The slack keeps ten steps of 0.1 m or s from being a rounding error short of 1.
+    end = np.searchsorted(progress, progress + delta - 1e-6, side="left")
+    start = np.flatnonzero(end < len(progress))
+    if len(start) == 0:
+        raise ValueError(
+            f"delta is {delta} {unit} but the matched trajectory spans only {progress[-1]:.3f}: "
+            "give a smaller delta"
+        )
+    if not all_pairs:
+        start = _chain(end)
+    return start, end[start]
+
+
+def _chain(end: Int[np.ndarray, "n"]) -> Int[np.ndarray, "k"]:
+    """Starts of the pairs that follow each other without overlap, from index 0."""
+    starts, index = [], 0
+    while index < len(end) and end[index] < len(end):
+        starts.append(index)
+        index = int(end[index])
+    return np.array(starts, dtype=int)
+
+
+def _matched(
+    stamps_reference: Float[np.ndarray, "_"],
+    poses_reference: Float[np.ndarray, "_ 3"],
+    stamps_estimate: Float[np.ndarray, "_"],
+    poses_estimate: Float[np.ndarray, "_ 3"],
+    max_difference: float,
+) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    """Matched reference stamps, reference poses and estimated poses, float64."""
+    check_poses(poses_reference, "reference", len(stamps_reference))
+    check_poses(poses_estimate, "estimate", len(stamps_estimate))
+    index_reference, index_estimate = associate(stamps_reference, stamps_estimate, max_difference)
+    return (
+        stamps_reference[index_reference].astype(float),
+        poses_reference[index_reference].astype(float),
+        poses_estimate[index_estimate].astype(float),
+    )
+
+
+def _statistics(position: Float[np.ndarray, "n"], heading: Float[np.ndarray, "n"]) -> TrajectoryError:
+    return TrajectoryError(
+        rmse_m=float(np.sqrt(np.mean(position**2))),
+        mean_m=float(position.mean()),
+        std_m=float(position.std()),
+        max_m=float(position.max()),
+        rot_rmse_deg=float(np.rad2deg(np.sqrt(np.mean(heading**2)))),
+        n=len(position),
+    )

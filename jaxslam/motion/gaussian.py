@@ -1,0 +1,106 @@
+"""The motion model of an increment that comes with its covariance."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from jaxslam import se2
+from jaxslam.motion.base import AbstractMotionModel
+from jaxslam.motion.increment_noise import LOG_TWO_PI, Scalar, require_at_least_zero
+from jaxslam.types import OdometryIncrement
+
+
+class GaussianMotion(AbstractMotionModel):
+    """The increment as a normal variable: mean `odometry.delta`, covariance `odometry.covariance`.
+
+    For odometry that knows its own uncertainty, such as the output of an EKF over wheels and IMU.
+    The covariance is scaled, and floors are added to its diagonal (squared), so that a source that
+    gives zeros still spreads the particles. It is taken in the axes of the base at the start, like
+    `delta`.
+
+    The covariance must be finite. One that is not positive semidefinite is repaired to one with
+    the same variances, up to the floors, and correlations that are possible.
+
+    Attributes:
+        covariance_scale: factor on the covariance that came with the increment, ≥ 0.
+        translation_floor: standard deviation added to x and to y per step, m, > 0.
+        rotation_floor: standard deviation added to the heading per step, rad, > 0.
+
+    Example:
+        Covariance zero, floors of 10 mm and 5 mrad: `covariance` is diag(1e-4, 1e-4, 2.5e-5) and
+        `log_prob` at the predicted pose is 11.752.
+    """
+
+    covariance_scale: Scalar = 1.0
+    translation_floor: Scalar = 0.005
+    rotation_floor: Scalar = 0.005
+
+    def __check_init__(self):
+        require_at_least_zero(self, positive=("translation_floor", "rotation_floor"))
+
+    def sample(
+        self, key: PRNGKeyArray, pose: Float[Array, "3"], odometry: OdometryIncrement
+    ) -> Float[Array, "3"]:
+        """Draws the next pose `[3]` (m, m, rad)."""
+        noise = self._factor(odometry) @ jax.random.normal(key, (3,), odometry.delta.dtype)
+        return se2.compose(pose, odometry.delta + noise)
+
+    def log_prob(
+        self, pose_next: Float[Array, "3"], pose: Float[Array, "3"], odometry: OdometryIncrement
+    ) -> Float[Array, ""]:
+        """Natural log of the density of `pose_next` per m²·rad; the heading error is wrapped."""
+        factor = self._factor(odometry)
+        residual = se2.relative(pose, pose_next) - odometry.delta
+        residual = residual.at[2].set(se2.wrap(residual[2]))
+        whitened = jax.scipy.linalg.solve_triangular(factor, residual, lower=True)
+        log_determinant = 2.0 * jnp.sum(jnp.log(jnp.diagonal(factor)))
+        return -0.5 * (whitened @ whitened + log_determinant + 3.0 * LOG_TWO_PI)
+
+    def covariance(self, odometry: OdometryIncrement) -> Float[Array, "3 3"]:
+        """Covariance `[3, 3]` of the increment in the predicted pose's frame (m², m·rad, rad²)."""
+        cos, sin = jnp.cos(odometry.delta[2]), jnp.sin(odometry.delta[2])
+        zero, one = jnp.zeros_like(cos), jnp.ones_like(cos)
+        rotation = jnp.stack(
+            [
+                jnp.stack([cos, sin, zero]),
+                jnp.stack([-sin, cos, zero]),
+                jnp.stack([zero, zero, one]),
+            ]
+        )
+        factor = rotation @ self._factor(odometry)
+        return factor @ factor.T
+
+    def _factor(self, odometry: OdometryIncrement) -> Float[Array, "3 3"]:
+        floors = jnp.stack(
+            [
+                jnp.full_like(odometry.dt, self.translation_floor),
+                jnp.full_like(odometry.dt, self.translation_floor),
+                jnp.full_like(odometry.dt, self.rotation_floor),
+            ]
+        )
+        variances = floors * floors
+        covariance = 0.5 * self.covariance_scale * (odometry.covariance + odometry.covariance.T)
+        return _cholesky(covariance + jnp.diag(variances), variances)
+
+
+def _cholesky(matrix: Float[Array, "3 3"], minimum_pivots: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    """Lower Cholesky factor of a symmetric matrix, whatever its eigenvalues.
+
+    Every pivot is at least its minimum, and no element exceeds the variance left in its row.
+    A positive semidefinite matrix plus diag(minimum_pivots) meets both as it is.
+    """
+    (a, b, d), (_, c, e), (_, _, f) = matrix
+    a, c, f = jnp.maximum(jnp.stack([a, c, f]), minimum_pivots)
+    l00 = jnp.sqrt(a)
+    l10, l20 = _within(b / l00, c), _within(d / l00, f)
+    l11 = jnp.sqrt(jnp.maximum(c - l10 * l10, minimum_pivots[1]))
+    left = jnp.maximum(f - l20 * l20, minimum_pivots[2])
+    l21 = _within((e - l20 * l10) / l11, left)
+    l22 = jnp.sqrt(jnp.maximum(left - l21 * l21, minimum_pivots[2]))
+    zero = jnp.zeros_like(a)
+    return jnp.stack([jnp.stack([l00, zero, zero]), jnp.stack([l10, l11, zero]), jnp.stack([l20, l21, l22])])
+
+
+def _within(element: Float[Array, ""], variance: Float[Array, ""]) -> Float[Array, ""]:
+    deviation = jnp.sqrt(variance)
+    return jnp.clip(element, -deviation, deviation)

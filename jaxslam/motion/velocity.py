@@ -1,0 +1,149 @@
+"""The velocity motion model: an arc, then a small rotation on the spot."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from jaxslam import se2
+from jaxslam.motion.base import AbstractMotionModel
+from jaxslam.motion.increment_noise import (
+    ACROSS,
+    ALONG,
+    FINAL_ROTATION,
+    TURN,
+    Scalar,
+    increment_log_prob,
+    predicted_frame_covariance,
+    require_at_least_zero,
+    sample_increment,
+)
+from jaxslam.types import OdometryIncrement
+
+
+class VelocityMotion(AbstractMotionModel):
+    r"""Constant speed and turn rate over a step, each with noise, and a final rotation.
+
+    The noise of $v$, $\omega$ and the final rotation $\gamma$ is normal with the **variances** of
+    the book: $\alpha_1 v^2 + \alpha_2 \omega^2$ for $v$, $\alpha_3 v^2 + \alpha_4 \omega^2$ for
+    $\omega$, $\alpha_5 v^2 + \alpha_6 \omega^2$ for $\gamma$. Since $v$, $\omega$ and their noise
+    are constant over a step, its duration cancels: the model works on the arc's length $v\,dt$ and
+    angle $\omega\,dt$, so `dt` is not read and a step with `dt = 0` or a broken stamp is a step
+    like any other.
+
+    The arc is the one whose chord lies along the mean heading, as wheels drive it. What the
+    odometry saw beside that chord (nothing, for a differential drive) is kept as it is, so the mean
+    of the model is always the increment itself. The floors keep a step without motion from being
+    certain.
+
+    Attributes:
+        translation_noise_from_translation: α1, m² per m².
+        translation_noise_from_rotation: α2, m² per rad².
+        rotation_noise_from_translation: α3, rad² per m².
+        rotation_noise_from_rotation: α4, rad² per rad².
+        final_rotation_noise_from_translation: α5, rad² per m².
+        final_rotation_noise_from_rotation: α6, rad² per rad².
+        translation_floor: least standard deviation of the position per step and axis, m, > 0.
+        rotation_floor: least standard deviation of the heading per step, rad, > 0.
+
+    References:
+        Thrun, Burgard, Fox, Probabilistic Robotics, table 5.3 (`sample`) and 5.1 (`log_prob`, with
+        the Jacobian and the noise of table 5.3, see `increment_log_prob`).
+
+    Example:
+        1 m straight ahead with α1 = 0.01, α3 = 0.01, α5 = 0.005 and floors of 5 mm and 5 mrad:
+        deviations 0.1001 m along, 0.0503 m across (the arc's chord turns by half its angle) and
+        0.1226 rad.
+    """
+
+    translation_noise_from_translation: Scalar = 0.01
+    translation_noise_from_rotation: Scalar = 0.0025
+    rotation_noise_from_translation: Scalar = 0.01
+    rotation_noise_from_rotation: Scalar = 0.01
+    final_rotation_noise_from_translation: Scalar = 0.005
+    final_rotation_noise_from_rotation: Scalar = 0.005
+    translation_floor: Scalar = 0.005
+    rotation_floor: Scalar = 0.005
+
+    def __check_init__(self):
+        require_at_least_zero(self, positive=("translation_floor", "rotation_floor"))
+
+    def sample(
+        self, key: PRNGKeyArray, pose: Float[Array, "3"], odometry: OdometryIncrement
+    ) -> Float[Array, "3"]:
+        """Draws the next pose `[3]` (table 5.3)."""
+        arc = _Arc.through(odometry.delta)
+        increment = sample_increment(key, arc.noisy_increment, self._variances(arc))
+        return se2.compose(pose, increment)
+
+    def log_prob(
+        self, pose_next: Float[Array, "3"], pose: Float[Array, "3"], odometry: OdometryIncrement
+    ) -> Float[Array, ""]:
+        """Natural log of the density of `pose_next` per m²·rad; finite everywhere."""
+        arc = _Arc.through(odometry.delta)
+        increment = se2.relative(pose, pose_next)
+        return increment_log_prob(increment, arc.noisy_increment, self._variances(arc))
+
+    def covariance(self, odometry: OdometryIncrement) -> Float[Array, "3 3"]:
+        """Covariance `[3, 3]` of the increment in the predicted pose's frame (m², m·rad, rad²)."""
+        arc = _Arc.through(odometry.delta)
+        return predicted_frame_covariance(arc.noisy_increment, self._variances(arc))
+
+    def _variances(self, arc: "_Arc") -> Float[Array, "4"]:
+        translation, rotation = arc.length * arc.length, arc.angle * arc.angle
+        translation_floor = self.translation_floor * self.translation_floor
+        # The arc and the final rotation share the floor: the heading's deviation is never below it.
+        rotation_floor = 0.5 * self.rotation_floor * self.rotation_floor
+        along = (
+            self.translation_noise_from_translation * translation
+            + self.translation_noise_from_rotation * rotation
+            + translation_floor
+        )
+        turn = (
+            self.rotation_noise_from_translation * translation
+            + self.rotation_noise_from_rotation * rotation
+            + rotation_floor
+        )
+        final_rotation = (
+            self.final_rotation_noise_from_translation * translation
+            + self.final_rotation_noise_from_rotation * rotation
+            + rotation_floor
+        )
+        return jnp.stack([turn, along, jnp.full_like(along, translation_floor), final_rotation])
+
+
+class _Arc(eqx.Module):
+    """An arc of signed length (m) and angle (rad), and a shift across its chord (m)."""
+
+    length: Float[Array, ""]
+    angle: Float[Array, ""]
+    across: Float[Array, ""]
+
+    @classmethod
+    def through(cls, delta: Float[Array, "3"]) -> "_Arc":
+        # Wrapped, the half angle stays within a quarter turn, where the chord is never zero.
+        angle = se2.wrap(delta[2])
+        chord, across = se2.rotate(-0.5 * angle, delta[:2])
+        return cls(chord / _chord_per_arc(angle), angle, across)
+
+    def noisy_increment(self, noise: Float[Array, "4"]) -> Float[Array, "3"]:
+        """The increment `[3]` with noise `[4]` (turn, along, across, final rotation) added."""
+        angle = self.angle + noise[TURN]
+        chord = (self.length + noise[ALONG]) * _chord_per_arc(angle)
+        translation = jnp.stack([chord, self.across + noise[ACROSS]])
+        heading = se2.wrap(angle + noise[FINAL_ROTATION])
+        return jnp.append(se2.rotate(0.5 * angle, translation), heading)
+
+
+def _chord_per_arc(angle: Float[Array, ""]) -> Float[Array, ""]:
+    """sin(a/2) / (a/2): the chord of an arc of angle a over its length, 1 for a straight line.
+
+    Equation (5.9) divides by ω; in this form the straight line needs no case of its own. `jnp.sinc`
+    has the same values, but its second derivative near 0 is rounding noise in float32.
+    """
+    half = 0.5 * angle
+    square = half * half
+    # To (a/2)⁶; the next term is 1e-8 at the switch.
+    series = 1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0))
+    is_small = jnp.abs(half) < 0.5
+    divisor = jnp.where(is_small, jnp.ones_like(half), half)
+    return jnp.where(is_small, series, jnp.sin(divisor) / divisor)

@@ -1,0 +1,50 @@
+"""What a proposal is."""
+
+import abc
+
+import equinox as eqx
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from jaxslam.motion.base import AbstractMotionModel
+from jaxslam.sensor.base import AbstractSensorModel
+from jaxslam.sensor.field import Field
+from jaxslam.types import StepInputs
+
+
+class Proposed(eqx.Module):
+    """One particle's move.
+
+    Attributes:
+        pose: `[3]` the new base pose (m, m, rad, world frame).
+        log_ratio: log p(x | x_prev, u) − log q(x), what the weight needs beside the sensor's likelihood.
+        flags: `jaxslam.flags.Flag` bits, int32.
+    """
+
+    pose: Float[Array, "3"]
+    log_ratio: Float[Array, ""]
+    flags: Int[Array, ""]
+
+
+class AbstractProposal(eqx.Module):
+    """q(x_t | x_{t−1}, u_t, z_t, m) for one particle."""
+
+    @abc.abstractmethod
+    def sample(
+        self,
+        key: PRNGKeyArray,
+        pose: Float[Array, "3"],
+        inputs: StepInputs,
+        field: Field,
+        motion: AbstractMotionModel,
+        sensor: AbstractSensorModel,
+    ) -> Proposed:
+        """Draws the next pose. Vmap over particles with `in_axes=(0, 0, None, 0, None, None)`.
+
+        Args:
+            key: PRNG key.
+            pose: `[3]` pose before the step.
+            inputs: odometry since then and the scan.
+            field: the particle's own map around it, prepared.
+            motion: p(x | x_prev, u).
+            sensor: p(z | x, m).
+        """

@@ -1,0 +1,111 @@
+"""gmapping's proposal: draw from the motion model, then match the scan from there."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from jaxslam import se2
+from jaxslam.branch import run_if
+from jaxslam.flags import Flag
+from jaxslam.lidar.beams import scan_points
+from jaxslam.linalg import inverse_symmetric
+from jaxslam.matching.correlative import CorrelativeSearch
+from jaxslam.matching.gauss_newton import GaussNewton, PosePrior
+from jaxslam.motion.base import AbstractMotionModel
+from jaxslam.proposal.base import AbstractProposal, Proposed
+from jaxslam.sensor.base import AbstractSensorModel
+from jaxslam.sensor.field import Field
+from jaxslam.types import OdometryIncrement, StepInputs
+
+
+class MatchedProposal(AbstractProposal):
+    """Mode of p(z | x, m) p(x | x_drawn), where x_drawn is a draw from the motion model.
+
+    Each particle keeps its own draw as the prior's centre, so the particles stay spread where the scan
+    says nothing, as along a corridor, and agree where it does.
+
+    Attributes:
+        coarse: matcher on the coarse field: a basin of about a metre.
+        fine: matcher on the map's own resolution, from where the coarse one ended.
+        search: wider search, run where fewer than `lost_below` of the beams meet the map.
+        prior_weight: what the motion model's precision counts for in the match; below 1 because the
+            match is one draw's refinement, not the posterior.
+        lost_below: share of valid beams near an obstacle under which the match is not trusted.
+        min_valid_beams: with fewer the pose is the motion model's draw.
+        max_beams: beams used for matching, evenly spread over the scan (static).
+
+    References:
+        Grisetti et al. 2007, section III (mode by scan matching; weight: the likelihood at the mode, as
+        gmapping computes it, so `log_ratio` is 0).
+    """
+
+    coarse: GaussNewton = GaussNewton(sigma_cells=1.5, residual_scale=1.0, num_iterations=5)
+    fine: GaussNewton = GaussNewton()
+    search: CorrelativeSearch = CorrelativeSearch()
+    prior_weight: float | Float[Array, ""] = 0.1
+    lost_below: float | Float[Array, ""] = 0.5
+    min_valid_beams: float | Float[Array, ""] = 5.0
+    max_beams: int = eqx.field(static=True, default=180)
+
+    def sample(
+        self,
+        key: PRNGKeyArray,
+        pose: Float[Array, "3"],
+        inputs: StepInputs,
+        field: Field,
+        motion: AbstractMotionModel,
+        sensor: AbstractSensorModel,
+    ) -> Proposed:
+        """Draws, matches coarse to fine, searches if lost, and keeps the best of all that was seen."""
+        drawn = motion.sample(key, pose, inputs.odometry)
+        prior = PosePrior(drawn, self.prior_weight * _precision(motion, inputs.odometry, drawn))
+        ends = scan_points(inputs.scan, self.max_beams)
+
+        def score(candidate: Float[Array, "3"]) -> Float[Array, ""]:
+            return sensor.log_prob(field, inputs.scan, candidate) + prior.log_prob(candidate)
+
+        def refine(start: Float[Array, "3"]) -> Float[Array, "3"]:
+            return self.fine.match(field.fine, ends, start, prior)
+
+        near = self.coarse.match(field.coarse, ends, drawn, prior)
+        matched = _best(score, drawn, near, refine(near))
+
+        def search(best: Float[Array, "3"]) -> Float[Array, "3"]:
+            return _best(score, best, refine(self.search.search(field, ends, best, prior)))
+
+        squared = field.fine.squared_distance(se2.apply(matched, ends.points))
+        near_obstacle = squared < (field.fine.radius * field.fine.resolution) ** 2
+        num_valid = jnp.sum(ends.valid)
+        share = jnp.sum(ends.valid & near_obstacle) / jnp.maximum(num_valid, 1)
+        enough = num_valid >= self.min_valid_beams
+        lost = enough & (share < self.lost_below)
+        matched = run_if(lost, search, matched)
+        few = jnp.where(enough, 0, Flag.FEW_VALID_BEAMS.value)
+        searched = jnp.where(lost, Flag.SEARCHED.value, 0)
+        return Proposed(
+            pose=jnp.where(enough, matched, drawn),
+            log_ratio=jnp.zeros((), jnp.float32),
+            flags=(few | searched).astype(jnp.int32),
+        )
+
+
+def _precision(
+    motion: AbstractMotionModel, odometry: OdometryIncrement, pose: Float[Array, "3"]
+) -> Float[Array, "3 3"]:
+    """Inverse covariance of the increment, turned from the predicted pose's frame into the world's."""
+    precision = inverse_symmetric(motion.covariance(odometry))
+    cos, sin = jnp.cos(pose[2]), jnp.sin(pose[2])
+    one, zero = jnp.ones_like(cos), jnp.zeros_like(cos)
+    turn = jnp.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one]).reshape(3, 3)
+    return turn @ precision @ turn.T
+
+
+def _best(score, *candidates: Float[Array, "3"]) -> Float[Array, "3"]:
+    """The highest-scoring candidate, the first of equals; a NaN never wins."""
+    best, best_score = candidates[0], score(candidates[0])
+    for candidate in candidates[1:]:
+        value = score(candidate)
+        better = value > best_score
+        best = jnp.where(better, candidate, best)
+        best_score = jnp.where(better, value, best_score)
+    return best

@@ -1,0 +1,27 @@
+"""The traditional proposal: the motion model alone."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from jaxslam.motion.base import AbstractMotionModel
+from jaxslam.proposal.base import AbstractProposal, Proposed
+from jaxslam.sensor.base import AbstractSensorModel
+from jaxslam.sensor.field import Field
+from jaxslam.types import StepInputs
+
+
+class MotionProposal(AbstractProposal):
+    """q = p(x | x_prev, u): the weight is the observation likelihood (the baseline of all three papers)."""
+
+    def sample(
+        self,
+        key: PRNGKeyArray,
+        pose: Float[Array, "3"],
+        inputs: StepInputs,
+        field: Field,
+        motion: AbstractMotionModel,
+        sensor: AbstractSensorModel,
+    ) -> Proposed:
+        """Draws from the motion model; field and sensor are not looked at."""
+        moved = motion.sample(key, pose, inputs.odometry)
+        return Proposed(moved, jnp.zeros((), jnp.float32), jnp.zeros((), jnp.int32))

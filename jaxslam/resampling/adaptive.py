@@ -1,0 +1,69 @@
+"""Resampling only when the weights have degenerated."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from jaxslam.resampling.base import AbstractResampler
+from jaxslam.resampling.ess import effective_sample_size, normalise
+
+
+class Resampling(eqx.Module):
+    """The outcome of one resampling decision.
+
+    Attributes:
+        ancestors: `[N]` int32, the particle that each slot continues; `arange(N)` where nothing was
+            resampled.
+        log_weights: `[N]` normalised log-weights afterwards; −log N where it was resampled.
+        resampled: whether it was.
+        ess: effective sample size of the weights that came in, between 1 and N.
+    """
+
+    ancestors: Int[Array, "N"]
+    log_weights: Float[Array, "N"]
+    resampled: Bool[Array, ""]
+    ess: Float[Array, ""]
+
+
+class AdaptiveResampling(eqx.Module):
+    """Applies a scheme when the effective sample size falls below `threshold · N`.
+
+    A set of which no weight is finite is left as it is, with uniform weights and `resampled` false.
+
+    Attributes:
+        scheme: chooses the ancestors.
+        threshold: fraction of N, ≥ 0: 0 never resamples, above 1 always does.
+
+    References:
+        tobacco (16), mine (17), ann (2): resample when N_eff < N/2.
+    """
+
+    scheme: AbstractResampler
+    threshold: float | Float[Array, ""] = 0.5
+
+    def __check_init__(self):
+        # A traced threshold cannot be looked at; `not >=` also refuses NaN.
+        if isinstance(self.threshold, float) and not self.threshold >= 0.0:
+            raise ValueError(
+                f"AdaptiveResampling: threshold is {self.threshold}, must be >= 0 (a fraction of N)"
+            )
+
+    def __call__(self, key: PRNGKeyArray, log_weights: Float[Array, "N"]) -> Resampling:
+        """Decides on log-weights `[N]`, which need not be normalised, and resamples if need be."""
+        count = log_weights.shape[0]
+        ess = effective_sample_size(log_weights)
+        resampled = (ess < self.threshold * count) & jnp.any(jnp.isfinite(log_weights))
+        ancestors = jax.lax.cond(
+            resampled,
+            lambda: self.scheme.ancestors(key, log_weights),
+            lambda: jnp.arange(count, dtype=jnp.int32),
+        )
+        kept = normalise(log_weights)
+        uniform = normalise(jnp.zeros_like(log_weights))
+        return Resampling(
+            ancestors=ancestors,
+            log_weights=jnp.where(resampled, uniform, kept),
+            resampled=resampled,
+            ess=ess,
+        )

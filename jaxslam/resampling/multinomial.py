@@ -1,0 +1,29 @@
+"""Multinomial resampling: N independent draws."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from jaxslam.resampling.base import AbstractResampler
+from jaxslam.resampling.fixed_point import cumulative_weights, pick
+from jaxslam.resampling.selection import select_ancestors
+
+
+class MultinomialResampler(AbstractResampler):
+    """N independent draws from the weights: the textbook scheme, with the most variance.
+
+    References:
+        Gordon, Salmond, Smith 1993.
+    """
+
+    def ancestors(self, key: PRNGKeyArray, log_weights: Float[Array, "N"]) -> Int[Array, "N"]:
+        """Indices `[N]` (int32), in no order; see `AbstractResampler.ancestors`."""
+
+        def choose(weights):
+            cumulative = cumulative_weights(weights)
+            positions = jax.random.randint(
+                key, weights.shape, jnp.uint32(0), cumulative[-1], dtype=jnp.uint32
+            )
+            return pick(cumulative, positions)
+
+        return select_ancestors(log_weights, choose)

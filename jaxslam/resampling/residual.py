@@ -1,0 +1,39 @@
+"""Residual resampling: the whole part of N · w for certain, the rest by lot."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from jaxslam.resampling.base import AbstractResampler
+from jaxslam.resampling.fixed_point import cumulative_weights, pick
+from jaxslam.resampling.selection import select_ancestors
+
+
+class ResidualResampler(AbstractResampler):
+    """⌊N w⌋ copies of each particle, then multinomial draws from what is left of the weights.
+
+    References:
+        Liu, Chen, Sequential Monte Carlo methods for dynamic systems, 1998.
+
+    Example:
+        Weights 0.5, 0.3, 0.2 and N = 4: two copies of particle 0 and one of 1 are certain; the
+        fourth slot goes to 1 with probability 0.2 and to 2 with probability 0.8.
+    """
+
+    def ancestors(self, key: PRNGKeyArray, log_weights: Float[Array, "N"]) -> Int[Array, "N"]:
+        """Indices `[N]` (int32): the certain copies ascending, then the draws in no order."""
+        return select_ancestors(log_weights, lambda weights: _choose(key, weights))
+
+
+def _choose(key: PRNGKeyArray, weights: Float[Array, "N"]) -> Int[Array, "N"]:
+    expected = weights * (weights.shape[0] / jnp.sum(weights))
+    certain = jnp.floor(expected)
+    remainder = expected - certain
+    # Without a remainder no slot reads the draws; ones keep them defined.
+    remainder = jnp.where(jnp.any(remainder > 0.0), remainder, jnp.ones_like(remainder))
+    lottery = cumulative_weights(remainder)
+    positions = jax.random.randint(key, weights.shape, jnp.uint32(0), lottery[-1], jnp.uint32)
+
+    slots = jnp.arange(weights.shape[0], dtype=jnp.uint32)
+    copies = jnp.cumsum(certain.astype(jnp.uint32), dtype=jnp.uint32)
+    return jnp.where(slots < copies[-1], pick(copies, slots), pick(lottery, positions))

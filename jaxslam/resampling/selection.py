@@ -1,0 +1,18 @@
+"""What every scheme does around its own choice: weights in, identity for a set that is lost."""
+
+from collections.abc import Callable
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from jaxslam.resampling.ess import relative_to_largest
+
+
+def select_ancestors(log_weights: Float[Array, "N"], choose: Callable) -> Int[Array, "N"]:
+    """`choose(weights [N]) -> ancestors [N]`, or `arange(N)` where no log-weight is finite.
+
+    The weights handed to `choose` are finite, ≥ 0, and the largest is 1.
+    """
+    relative, any_usable = relative_to_largest(log_weights)
+    identity = jnp.arange(log_weights.shape[0], dtype=jnp.int32)
+    return jnp.where(any_usable, choose(jnp.exp(relative)), identity)

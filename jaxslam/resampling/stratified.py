@@ -1,0 +1,30 @@
+"""Stratified resampling: one random position in each of N equal strata."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from jaxslam.resampling.base import AbstractResampler
+from jaxslam.resampling.fixed_point import cumulative_weights, pick, stratum_positions
+from jaxslam.resampling.selection import select_ancestors
+
+
+class StratifiedResampler(AbstractResampler):
+    """Positions (k + u_k) / N with independent u_k: counts within two of N w.
+
+    Never more variance than multinomial resampling, whatever is estimated, and the draws are
+    independent, which convergence proofs need and systematic resampling lacks.
+
+    References:
+        Kitagawa 1996; Douc, Cappé, Moulines, Comparison of resampling schemes, 2005.
+    """
+
+    def ancestors(self, key: PRNGKeyArray, log_weights: Float[Array, "N"]) -> Int[Array, "N"]:
+        """Indices `[N]` (int32), ascending; see `AbstractResampler.ancestors`."""
+        offsets = jax.random.uniform(key, log_weights.shape, jnp.float32)
+
+        def choose(weights):
+            cumulative = cumulative_weights(weights)
+            return pick(cumulative, stratum_positions(cumulative, offsets))
+
+        return select_ancestors(log_weights, choose)

@@ -1,0 +1,42 @@
+"""The likelihood-field model: how far each beam ended from the nearest obstacle."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jaxslam import se2
+from jaxslam.lidar.beams import scan_points
+from jaxslam.sensor.base import AbstractSensorModel
+from jaxslam.sensor.field import Field
+from jaxslam.types import LidarScan
+
+
+class LikelihoodField(AbstractSensorModel):
+    r"""Log-likelihood $\beta \sum_k \log(z_{hit} e^{-d_k^2 / 2\sigma^2} + z_{rand})$ over the valid beams.
+
+    Attributes:
+        sigma_hit: spread of end points around obstacles, metres.
+        z_hit: weight of the beams that saw the map.
+        z_rand: weight of those that saw something else.
+        beam_weight: β, what one beam counts for against independent ones: neighbouring beams see the
+            same wall, and the error of a map is common to them.
+        max_beams: beams that are scored, evenly spread over the scan (static).
+
+    References:
+        Thrun, Burgard, Fox, Probabilistic Robotics, table 6.3; `beam_weight` is ours.
+    """
+
+    sigma_hit: float | Float[Array, ""] = 0.1
+    z_hit: float | Float[Array, ""] = 0.95
+    z_rand: float | Float[Array, ""] = 0.05
+    beam_weight: float | Float[Array, ""] = 0.05
+    max_beams: int = eqx.field(static=True, default=180)
+
+    def log_prob(self, field: Field, scan: LidarScan, pose: Float[Array, "3"]) -> Float[Array, ""]:
+        """Scalar, natural log; 0 is the best there is (every beam on an obstacle)."""
+        ends = scan_points(scan, self.max_beams)
+        squared = field.fine.squared_distance(se2.apply(pose, ends.points))
+        density = self.z_hit * jnp.exp(-0.5 * squared / self.sigma_hit**2) + self.z_rand
+        log_density = jnp.log(density / (self.z_hit + self.z_rand))
+        # A scan of fewer beams than `max_beams` counts as much as one of more.
+        return self.beam_weight * jnp.sum(jnp.where(ends.valid, log_density, 0.0))

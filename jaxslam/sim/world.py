@@ -1,0 +1,145 @@
+"""Worlds made of straight line segments, and the shapes to build them from.
+
+Builders run on the host in NumPy float64; a `World` holds the result as device arrays. A builder of
+a whole world is a function that puts shapes together and returns `World.from_shapes(name, shapes)`.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Float64
+
+
+class World(eqx.Module):
+    """Walls and obstacles as line segments in the world frame.
+
+    Attributes:
+        segments: `[S, 4]` end points x1, y1, x2, y2 in metres. Segments that share a corner share
+            its coordinates exactly, which is what makes ray casting watertight there.
+        name: what the world is called (static).
+    """
+
+    segments: Float[Array, "*batch S 4"]
+    name: str = eqx.field(static=True)
+
+    @classmethod
+    def from_shapes(cls, name: str, shapes: list[Float64[np.ndarray, "_ 4"]]) -> "World":
+        """Puts shapes `[·, 4]` (metres) together to one world.
+
+        Raises:
+            ValueError: if there is no segment, one is not finite, or one has no length.
+        """
+        segments = np.concatenate([np.zeros((0, 4)), *shapes])
+        if len(segments) == 0:
+            raise ValueError(f"world {name!r} has no segment: give at least one shape")
+        if not np.isfinite(segments).all():
+            raise ValueError(f"world {name!r} has a segment that is not finite: check its shapes")
+        # Compared as float32, since that is what the device will see.
+        rounded = segments.astype(np.float32)
+        empty = (rounded[:, :2] == rounded[:, 2:]).all(axis=1)
+        if empty.any():
+            raise ValueError(
+                f"world {name!r} has {int(empty.sum())} segments without length, the first at "
+                f"{segments[empty][0, :2].tolist()}: leave them out"
+            )
+        return cls(segments=jnp.asarray(segments, jnp.float32), name=name)
+
+    @property
+    def num_segments(self) -> int:
+        """Number of segments `S`."""
+        return self.segments.shape[-2]
+
+    def bounds(self) -> tuple[Float64[np.ndarray, "2"], Float64[np.ndarray, "2"]]:
+        """Lower left and upper right corner of the box around all segments, metres (host)."""
+        points = np.asarray(self.segments, np.float64).reshape(-1, 2)
+        return points.min(axis=0), points.max(axis=0)
+
+
+def polyline(points: Float64[np.ndarray, "P 2"], *, closed: bool = False) -> Float64[np.ndarray, "_ 4"]:
+    """Segments `[P − 1, 4]` from point to point, or `[P, 4]` with the one back to the first."""
+    end = np.roll(points, -1, axis=0)
+    segments = np.concatenate([points, end], axis=1)
+    return segments if closed else segments[:-1]
+
+
+def place(
+    points: Float64[np.ndarray, "P 2"], centre: tuple[float, float], angle: float
+) -> Float64[np.ndarray, "P 2"]:
+    """Turns points by `angle` radians about the origin, then moves the origin to `centre`."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return points @ np.array([[cos, sin], [-sin, cos]]) + np.asarray(centre)
+
+
+def box(
+    centre: tuple[float, float],
+    size: tuple[float, float],
+    *,
+    angle: float = 0.0,
+    chamfer: float = 0.0,
+) -> Float64[np.ndarray, "_ 4"]:
+    """A machine as a rectangle, `[4, 4]`, or `[8, 4]` with its corners cut.
+
+    Args:
+        centre: x, y of its middle, metres.
+        size: its sides, metres, before turning.
+        angle: how far it is turned counter-clockwise, radians.
+        chamfer: how much of each side is cut away at a corner, metres.
+    """
+    half = np.asarray(size) / 2
+    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * half
+    if chamfer > 0:
+        neighbours = np.stack([np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)], axis=1)
+        towards = np.sign(neighbours - corners[:, None])
+        corners = (corners[:, None] + chamfer * towards).reshape(-1, 2)
+    return polyline(place(corners, centre, angle), closed=True)
+
+
+def disc(centre: tuple[float, float], radius: float, *, sides: int = 16) -> Float64[np.ndarray, "_ 4"]:
+    """A tank or pillar as a regular polygon `[sides, 4]` whose corners lie on the circle."""
+    angles = 2 * np.pi * np.arange(sides) / sides
+    circle = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return polyline(circle + np.asarray(centre), closed=True)
+
+
+def leg_clearances(
+    segments: Float64[np.ndarray, "S 4"], waypoints: Float64[np.ndarray, "W 2"]
+) -> Float64[np.ndarray, "W"]:
+    """Smallest distance from each leg of a closed tour to any segment, metres; 0 where they cross.
+
+    Leg `i` runs from way-point `i` to the next one, the last leg back to the first way-point.
+    """
+    start, end = waypoints[:, None], np.roll(waypoints, -1, axis=0)[:, None]
+    first, second = segments[None, :, :2], segments[None, :, 2:]
+    # Two segments that do not cross are nearest at an end point of one of them.
+    distances = np.minimum.reduce(
+        [
+            _point_segment_distance(first, start, end),
+            _point_segment_distance(second, start, end),
+            _point_segment_distance(start, first, second),
+            _point_segment_distance(end, first, second),
+        ]
+    )
+    crossing = (_side(first, start, end) * _side(second, start, end) < 0) & (
+        _side(start, first, second) * _side(end, first, second) < 0
+    )
+    return np.where(crossing, 0.0, distances).min(axis=1)
+
+
+def _point_segment_distance(
+    point: Float64[np.ndarray, "_ _ 2"],
+    start: Float64[np.ndarray, "_ _ 2"],
+    end: Float64[np.ndarray, "_ _ 2"],
+) -> Float64[np.ndarray, "_ _"]:
+    along = end - start
+    fraction = ((point - start) * along).sum(axis=-1) / (along**2).sum(axis=-1)
+    nearest = start + np.clip(fraction, 0.0, 1.0)[..., None] * along
+    return np.linalg.norm(point - nearest, axis=-1)
+
+
+def _side(
+    point: Float64[np.ndarray, "_ _ 2"],
+    start: Float64[np.ndarray, "_ _ 2"],
+    end: Float64[np.ndarray, "_ _ 2"],
+) -> Float64[np.ndarray, "_ _"]:
+    along, offset = end - start, point - start
+    return along[..., 0] * offset[..., 1] - along[..., 1] * offset[..., 0]

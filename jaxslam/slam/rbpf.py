@@ -1,0 +1,213 @@
+"""The Rao-Blackwellized particle filter: a trajectory and a map per particle."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, Int8, PRNGKeyArray
+
+from jaxslam import se2
+from jaxslam.flags import Flag
+from jaxslam.grid.occupancy import OccupancyModel, add_scan, is_occupied, range_table
+from jaxslam.grid.spec import GridSpec
+from jaxslam.grid.window import copy_maps, read_windows, window_origin, window_start, write_windows
+from jaxslam.lidar.beams import ScanPoints, scan_points
+from jaxslam.materialise import materialise
+from jaxslam.motion.base import AbstractMotionModel
+from jaxslam.proposal.base import AbstractProposal, Proposed
+from jaxslam.resampling.adaptive import AdaptiveResampling
+from jaxslam.resampling.ess import normalise
+from jaxslam.resampling.permute import keep_survivors_in_place
+from jaxslam.sensor.base import AbstractSensorModel
+from jaxslam.sensor.field import Field, prepare_field, window_rows
+from jaxslam.types import LidarScan, StepInputs
+
+
+class RBPFState(eqx.Module):
+    """What the next step needs.
+
+    Attributes:
+        maps: `[N, H, W]` int8 log-odds in fixed point, one map per particle.
+        poses: `[N, 3]` base poses (m, m, rad, world frame).
+        log_weights: `[N]` normalised log-weights.
+        num_steps: steps taken, int32.
+    """
+
+    maps: Int8[Array, "N H W"]
+    poses: Float[Array, "N 3"]
+    log_weights: Float[Array, "N"]
+    num_steps: Int[Array, ""]
+
+
+class StepInfo(eqx.Module):
+    """What one step leaves for the record; all small, so that it can be stacked over a long log.
+
+    Attributes:
+        poses: `[N, 3]` after the proposal and before resampling.
+        log_weights: `[N]` normalised, before resampling.
+        ancestors: `[N]` int32, the particle that each slot goes on from.
+        ess: effective sample size before resampling, 1 to N.
+        resampled: whether the particles were resampled.
+        flags: `jaxslam.flags.Flag` bits of the whole step, int32.
+    """
+
+    poses: Float[Array, "N 3"]
+    log_weights: Float[Array, "N"]
+    ancestors: Int[Array, "N"]
+    ess: Float[Array, ""]
+    resampled: Bool[Array, ""]
+    flags: Int[Array, ""]
+
+
+class RBPF(eqx.Module):
+    """Rao-Blackwellized particle filter on grid maps, tobacco (3)–(6).
+
+    Pass it to `jax.jit` as an argument: its floats are traced, its sizes static.
+
+    Attributes:
+        grid: size and place of the maps.
+        motion: p(x_t | x_{t−1}, u_t).
+        sensor: p(z_t | x_t, m).
+        proposal: q, where the particles go.
+        resampling: when and how to resample.
+        occupancy: what a scan adds to a map.
+        usable_range: longer returns only clear the space before them, metres.
+        num_particles: N (static).
+        window_size: cells along a side of the window around the lidar, divisible by 4 (static).
+        radius: truncation of the distance field, cells (static).
+    """
+
+    grid: GridSpec
+    motion: AbstractMotionModel
+    sensor: AbstractSensorModel
+    proposal: AbstractProposal
+    resampling: AdaptiveResampling
+    occupancy: OccupancyModel
+    usable_range: float | Float[Array, ""]
+    num_particles: int = eqx.field(static=True)
+    window_size: int = eqx.field(static=True)
+    radius: int = eqx.field(static=True, default=6)
+
+    def init(self, key: PRNGKeyArray, pose0: Float[Array, "3"]) -> RBPFState:
+        """All particles at `pose0` `[3]` with empty maps; the key is for models that spread them."""
+        count = self.num_particles
+        return RBPFState(
+            maps=jnp.zeros((count, self.grid.height, self.grid.width), jnp.int8),
+            poses=jnp.tile(pose0.astype(jnp.float32)[None], (count, 1)),
+            log_weights=normalise(jnp.zeros(count, jnp.float32)),
+            num_steps=jnp.zeros((), jnp.int32),
+        )
+
+    def step(self, key: PRNGKeyArray, state: RBPFState, inputs: StepInputs) -> tuple[RBPFState, StepInfo]:
+        """Propose, weigh, update the maps, resample."""
+        key_propose, key_resample = jax.random.split(key)
+        inputs = eqx.tree_at(lambda i: i.scan, inputs, self._usable(inputs.scan))
+
+        fields = self._fields(state, inputs)
+        proposed = self._propose(key_propose, state, inputs, fields)
+        log_likelihood = jax.vmap(self.sensor.log_prob, (0, None, 0))(fields, inputs.scan, proposed.pose)
+        log_weights = state.log_weights + log_likelihood + proposed.log_ratio
+        finite = jnp.isfinite(log_weights)
+        log_weights = normalise(jnp.where(finite, log_weights, -jnp.inf))
+        maps, off_map = self._update_maps(state.maps, proposed.pose, inputs.scan)
+        resampling = self.resampling(key_resample, log_weights)
+        ancestors = keep_survivors_in_place(resampling.ancestors)
+
+        flags = (
+            _any_flag(proposed.flags)
+            | jnp.where(jnp.any(off_map), Flag.OFF_MAP.value, 0)
+            | jnp.where(jnp.all(finite), 0, Flag.NONFINITE_WEIGHT.value)
+        )
+        state = RBPFState(
+            maps=copy_maps(maps, ancestors),
+            poses=proposed.pose[ancestors],
+            log_weights=resampling.log_weights,
+            num_steps=state.num_steps + 1,
+        )
+        info = StepInfo(
+            poses=proposed.pose,
+            log_weights=log_weights,
+            ancestors=ancestors,
+            ess=resampling.ess,
+            resampled=resampling.resampled,
+            flags=flags.astype(jnp.int32),
+        )
+        return state, info
+
+    def _usable(self, scan: LidarScan) -> LidarScan:
+        """The scan with the returns beyond the usable range shortened, to clear space and not to hit."""
+        reach = jnp.asarray(self.usable_range, jnp.float32)
+        return eqx.tree_at(lambda s: s.ranges, scan, jnp.minimum(scan.ranges, reach))
+
+    def _hits(self, scan: LidarScan) -> LidarScan:
+        return eqx.tree_at(lambda s: s.valid, scan, scan.valid & (scan.ranges < self.usable_range))
+
+    def _fields(self, state: RBPFState, inputs: StepInputs) -> Field:
+        """Each particle's map around where the odometry alone puts its lidar, prepared."""
+        shape = (window_rows(self.window_size, self.radius), self.window_size)
+
+        def start(pose: Float[Array, "3"]) -> Int[Array, "2"]:
+            predicted = se2.compose(pose, inputs.odometry.delta)
+            lidar = se2.compose(predicted, inputs.scan.pose_base_lidar)
+            return window_start(self.grid, lidar[:2], shape)[0]
+
+        starts = jax.vmap(start)(state.poses)
+        occupied = is_occupied(self.occupancy, read_windows(state.maps, starts, shape))
+        origins = jax.vmap(window_origin, (None, 0))(self.grid, starts)
+        return jax.vmap(prepare_field, (0, 0, None, None))(
+            occupied, origins, self.grid.resolution, self.radius
+        )
+
+    def _propose(self, key: PRNGKeyArray, state: RBPFState, inputs: StepInputs, fields: Field) -> Proposed:
+        keys = jax.random.split(key, self.num_particles)
+        inputs = eqx.tree_at(lambda i: i.scan, inputs, self._hits(inputs.scan))
+        proposed = jax.vmap(self.proposal.sample, (0, 0, None, 0, None, None))(
+            keys, state.poses, inputs, fields, self.motion, self.sensor
+        )
+        predicted = jax.vmap(se2.compose, (0, None))(state.poses, inputs.odometry.delta)
+        # An empty map has nothing to say, and the start pose is given: the first step does not scatter it.
+        keep = (state.num_steps == 0) | ~jnp.all(jnp.isfinite(proposed.pose), axis=1)
+        poses = jnp.where(keep[:, None], predicted, proposed.pose)
+        return eqx.tree_at(lambda p: p.pose, proposed, poses)
+
+    def _update_maps(
+        self, maps: Int8[Array, "N H W"], poses: Float[Array, "N 3"], scan: LidarScan
+    ) -> tuple[Int8[Array, "N H W"], Bool[Array, "N"]]:
+        shape = (self.window_size, self.window_size)
+        table = range_table(scan, self.grid.resolution, self.window_size // 2 - 2)
+        ends = scan_points(self._hits(scan))
+        # The heading of a particle would otherwise be computed again for each cell of its window.
+        poses = materialise(poses)
+        lidar = jax.vmap(se2.compose, (0, None))(poses, scan.pose_base_lidar)
+        starts, off_map = jax.vmap(lambda pose: window_start(self.grid, pose[:2], shape))(lidar)
+
+        def update(
+            window: Int8[Array, "S S"],
+            start: Int[Array, "2"],
+            pose: Float[Array, "3"],
+            heading: Float[Array, ""],
+        ) -> Int8[Array, "S S"]:
+            cells = jnp.floor(self.grid.cells(se2.apply(pose, ends.points))).astype(jnp.int32)
+            return add_scan(self.occupancy, window, table, cells[:, ::-1] - start[None], ends.valid, heading)
+
+        windows = read_windows(maps, starts, shape)
+        windows = jax.vmap(update)(windows, starts, poses, lidar[:, 2])
+        return write_windows(maps, windows, starts), off_map
+
+
+def _any_flag(flags: Int[Array, "N"]) -> Int[Array, ""]:
+    return jax.lax.reduce(flags, jnp.zeros((), jnp.int32), jax.lax.bitwise_or, (0,))
+
+
+def trajectory(infos: StepInfo, particle: Int[Array, ""]) -> Float[Array, "T 3"]:
+    """Poses `[T, 3]` of one surviving particle, read back through the ancestors.
+
+    Args:
+        infos: stacked over time, leaves `[T, ...]`.
+        particle: slot after the last step, as in `RBPFState`.
+    """
+
+    def back(slot: Int[Array, ""], info: StepInfo) -> tuple[Int[Array, ""], Float[Array, "3"]]:
+        before = info.ancestors[slot]
+        return before, info.poses[before]
+
+    return jax.lax.scan(back, particle, infos, reverse=True)[1]

@@ -1,0 +1,125 @@
+"""Curves over time: errors and the effective sample size."""
+
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Array, Bool, Float
+from matplotlib.axes import Axes
+
+from jaxslam.viz import style
+
+
+def plot_errors(
+    stamps: Float[np.ndarray | Array, "_"],
+    errors: Float[np.ndarray | Array, "*seeds _"],
+    band: Float[np.ndarray | Array, "_"] | None = None,
+    ax: Axes | None = None,
+    *,
+    quantity: Literal["position", "heading"] = "position",
+    label: str | None = None,
+    color: str = style.ESTIMATE,
+    linestyle: str = "-",
+) -> Axes:
+    """Draws an error over time: one run, or the mean over seeds with a band of ± 1 std.
+
+    Args:
+        stamps: `[M]` seconds.
+        errors: `[M]`, or `[S, M]` for `S` seeds: metres, or radians for headings (drawn in
+            degrees). NaN leaves a seed out at that stamp, or a gap where all are NaN.
+        band: `[M]` half width of the band in the unit of `errors`; None takes the std over seeds.
+        ax: axes to draw on; None for pyplot's current ones.
+        quantity: "position" or "heading".
+        label: name in the legend; None for no legend.
+        color: of line and band.
+        linestyle: of the line.
+
+    Raises:
+        ValueError: if shapes do not fit or the quantity is unknown.
+    """
+    ax = style.axes_or_current(ax)
+    times, values = np.asarray(stamps, float), np.asarray(errors, float)
+    if quantity not in ("position", "heading"):
+        raise ValueError(f"quantity is {quantity!r}: give 'position' or 'heading'")
+    if values.ndim not in (1, 2) or values.shape[-1] != len(times):
+        raise ValueError(f"errors have shape {values.shape} for {len(times)} stamps: give [M] or [seeds, M]")
+    mean, deviation = _over_seeds(np.atleast_2d(values))
+    if band is None:
+        half_width = deviation if values.ndim == 2 and len(values) > 1 else None
+    else:
+        half_width = np.asarray(band, float)
+        if half_width.shape != times.shape:
+            raise ValueError(f"band has shape {half_width.shape} for {len(times)} stamps: give [M]")
+    scale = 180 / np.pi if quantity == "heading" else 1.0
+    ax.plot(times, scale * mean, linestyle, color=color, linewidth=1.3, label=label)
+    if half_width is not None:
+        low, high = scale * (mean - half_width), scale * (mean + half_width)
+        # A distance is never negative, though its mean minus its deviation may be.
+        low = np.maximum(low, 0.0) if (values[np.isfinite(values)] >= 0).all() else low
+        ax.fill_between(times, low, high, color=color, alpha=0.2, linewidth=0)
+    y_label = "position error (m)" if quantity == "position" else "heading error (°)"
+    style.curve_axes(ax, "time (s)", y_label)
+    style.add_legend(ax)
+    return ax
+
+
+def plot_ess(
+    ess: Float[np.ndarray | Array, "_"],
+    num_particles: int,
+    resampled: Bool[np.ndarray | Array, "_"] | None = None,
+    ax: Axes | None = None,
+    *,
+    threshold: float = 0.5,
+) -> Axes:
+    """Draws the effective sample size per step, with the threshold and the resampled steps.
+
+    Args:
+        ess: `[T]` effective sample size, 1 to `num_particles`.
+        num_particles: `N`, the top of the axis.
+        resampled: `[T]` steps after which the filter resampled; None if not known.
+        ax: axes to draw on; None for pyplot's current ones.
+        threshold: fraction of `N` under which it resamples.
+
+    Raises:
+        ValueError: if lengths differ or there are no particles.
+    """
+    ax = style.axes_or_current(ax)
+    values = np.asarray(ess, float)
+    if num_particles < 1:
+        raise ValueError(f"num_particles is {num_particles}: give 1 or more")
+    steps = np.arange(len(values))
+    ax.plot(steps, values, color=style.ESTIMATE, linewidth=1.0, label="ESS")
+    ax.axhline(
+        threshold * num_particles,
+        color=style.NEUTRAL,
+        linestyle="--",
+        linewidth=0.9,
+        label=f"threshold {threshold:g} N",
+    )
+    if resampled is not None:
+        marked = np.asarray(resampled, bool)
+        if marked.shape != values.shape:
+            raise ValueError(f"{len(marked)} resampled flags for {len(values)} steps: give one each")
+        ax.plot(
+            steps[marked],
+            np.zeros(marked.sum()),
+            "|",
+            color=style.REFERENCE,
+            markersize=9,
+            label=f"resampled ({marked.sum()})",
+            clip_on=False,
+        )
+    ax.set_ylim(0, 1.04 * num_particles)
+    style.curve_axes(ax, "step", f"effective sample size (of {num_particles})")
+    style.add_legend(ax)
+    return ax
+
+
+def _over_seeds(
+    values: Float[np.ndarray, "S M"],
+) -> tuple[Float[np.ndarray, "M"], Float[np.ndarray, "M"]]:
+    """Mean and standard deviation over the finite seeds; NaN where there is none."""
+    finite = np.isfinite(values)
+    count = np.where(finite.any(axis=0), finite.sum(axis=0), np.nan)
+    mean = np.where(finite, values, 0.0).sum(axis=0) / count
+    squares = np.where(finite, (values - mean) ** 2, 0.0).sum(axis=0)
+    return mean, np.sqrt(squares / count)

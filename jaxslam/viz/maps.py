@@ -1,0 +1,271 @@
+"""Pictures in the plane: the map and what lies on it."""
+
+import numpy as np
+from jaxtyping import Array, Float, Shaped, UInt8
+from matplotlib.axes import Axes
+from matplotlib.backend_bases import RendererBase
+from matplotlib.collections import LineCollection
+from matplotlib.image import AxesImage
+from matplotlib.patches import Ellipse
+
+from jaxslam.io.poses import compose_poses
+from jaxslam.types import LidarScan
+from jaxslam.viz import style
+from jaxslam.viz.raster import grey_ramp, known_box, map_levels, shrink
+
+Poses = Float[np.ndarray | Array, "_ 3"]
+
+
+class MapImage(AxesImage):
+    """A map that is pooled to the pixels it gets each time it is drawn.
+
+    Walls then survive at any figure size, dpi and zoom, and zooming in shows every cell.
+    """
+
+    def __init__(
+        self,
+        ax: Axes,
+        levels: UInt8[np.ndarray, "_ _"],
+        extent: tuple[float, float, float, float],
+    ) -> None:
+        super().__init__(ax, origin="lower", interpolation="nearest", extent=extent)
+        self._levels = levels
+        self._ramp = grey_ramp()
+        self._set_pixels(levels)
+
+    def draw(self, renderer: RendererBase) -> None:
+        """Draws at the resolution of the renderer."""
+        left, right, bottom, top = self.get_extent()
+        corners = self.axes.transData.transform([[left, bottom], [right, top]])
+        # Vector formats draw at 72 dpi and embed images magnified by this.
+        width, height = np.abs(corners[1] - corners[0]) * renderer.get_image_magnification()
+        pooled = shrink(self._levels, max(int(height), 1), max(int(width), 1))
+        if self.get_shape() != pooled.shape:
+            self._set_pixels(pooled)
+        super().draw(renderer)
+
+    def _set_pixels(self, levels: UInt8[np.ndarray, "_ _"]) -> None:
+        self.set_data(np.repeat(self._ramp[levels][..., None], 3, axis=-1))
+
+
+def plot_map(
+    occupancy: Shaped[np.ndarray | Array, "*shape"],
+    resolution: float | Float[np.ndarray | Array, ""],
+    origin: Float[np.ndarray | Array, "2"],
+    ax: Axes | None = None,
+    *,
+    margin_m: float = 0.5,
+) -> Axes:
+    """Draws a map: free white, occupied black, unknown grey, cropped to what is known.
+
+    Args:
+        occupancy: `[H, W]` probabilities, int8 log-odds or uint8 levels, see `map_levels`.
+        resolution: side of a cell, metres.
+        origin: `[2]` world position of the lower-left corner of cell (0, 0), metres.
+        ax: axes to draw on; None for pyplot's current ones.
+        margin_m: how much unknown to leave around the known part, metres.
+
+    Raises:
+        ValueError: if the map or the resolution is not usable.
+    """
+    ax = style.axes_or_current(ax)
+    levels = map_levels(occupancy)
+    side = checked_resolution(resolution)
+    box = known_box(levels, margin=round(margin_m / side))
+    image = MapImage(ax, box.cut(levels), box.extent(side, np.asarray(origin, float)))
+    image.set_clip_path(ax.patch)
+    ax.add_image(image)
+    # Only this call, not the constructor, makes the axes' limits hold the image.
+    image.set_extent(image.get_extent())
+    style.metre_axes(ax)
+    return ax
+
+
+def plot_trajectory(
+    poses: Poses,
+    ax: Axes | None = None,
+    *,
+    label: str = "trajectory",
+    color: str = style.ESTIMATE,
+    linestyle: str = "-",
+    legend: bool = True,
+) -> Axes:
+    """Draws a path with its start (circle) and end (square).
+
+    Args:
+        poses: `[M, 3]` (m, m, rad). Rows that are not finite leave a gap.
+        ax: axes to draw on; None for pyplot's current ones.
+        label: name in the legend.
+        color: of line and markers.
+        linestyle: of the line, so that two paths also differ in print.
+        legend: whether to add the legend.
+
+    Raises:
+        ValueError: if no pose is finite.
+    """
+    ax = style.axes_or_current(ax)
+    path = np.asarray(poses, float)
+    finite = path[np.isfinite(path).all(axis=1)]
+    if len(finite) == 0:
+        raise ValueError(f"none of the {len(path)} poses is finite: there is no path to draw")
+    gapped = np.where(np.isfinite(path).all(axis=1)[:, None], path, np.nan)
+    ax.plot(gapped[:, 0], gapped[:, 1], linestyle, color=color, linewidth=1.2, label=label)
+    known = ax.get_legend_handles_labels()[1]
+    for pose, marker, name in ((finite[0], "o", "start"), (finite[-1], "s", "end")):
+        ax.plot(
+            *pose[:2],
+            marker,
+            color=color,
+            markerfacecolor="white",
+            markersize=5,
+            markeredgewidth=1.2,
+            label=None if name in known else name,
+            zorder=3,
+        )
+    style.metre_axes(ax)
+    if legend:
+        style.add_legend(ax)
+    return ax
+
+
+def plot_particles(
+    poses: Poses,
+    weights: Float[np.ndarray | Array, "_"] | None = None,
+    ax: Axes | None = None,
+    *,
+    tick_m: float = 0.25,
+    color: str = style.PARTICLES,
+    label: str = "particles",
+) -> Axes:
+    """Draws a particle cloud: a dot and a heading tick for each, fainter with less weight.
+
+    Args:
+        poses: `[N, 3]` (m, m, rad). Rows that are not finite are left out.
+        weights: `[N]` not negative, in any scale; None for equal ones.
+        ax: axes to draw on; None for pyplot's current ones.
+        tick_m: length of the heading tick, metres.
+        color: of dots and ticks.
+        label: name in a legend.
+
+    Raises:
+        ValueError: if the weights are of another number, negative or not finite.
+    """
+    ax = style.axes_or_current(ax)
+    cloud = np.asarray(poses, float)
+    share = np.ones(len(cloud)) if weights is None else np.asarray(weights, float)
+    if len(share) != len(cloud):
+        raise ValueError(f"{len(share)} weights for {len(cloud)} particles: give one for each")
+    if not (np.isfinite(share).all() and (share >= 0).all()):
+        raise ValueError("weights must be finite and not negative: give weights, not log-weights")
+    finite = np.isfinite(cloud).all(axis=1)
+    cloud, share = cloud[finite], share[finite]
+    # The legend shows the colour of a heavy particle, whichever comes first.
+    ax.plot([], [], "o", color=color, markersize=3.5, label=label)
+    style.metre_axes(ax)
+    if len(cloud) == 0:
+        return ax
+    # The lightest stay visible: where particles are is the point, how heavy they are comes second.
+    alpha = 0.4 + 0.6 * share / max(share.max(), np.finfo(float).tiny)
+    heading = np.stack([np.cos(cloud[:, 2]), np.sin(cloud[:, 2])], axis=1)
+    ticks = np.stack([cloud[:, :2], cloud[:, :2] + tick_m * heading], axis=1)
+    # Over the markers of a path, whose end would hide a cloud that has converged.
+    lines = LineCollection(list(ticks), colors=color, alpha=alpha, linewidths=0.8, zorder=3.5)
+    ax.add_collection(lines)
+    ax.scatter(cloud[:, 0], cloud[:, 1], s=7, color=color, alpha=alpha, linewidths=0, zorder=3.5)
+    return ax
+
+
+def plot_scan(
+    scan: LidarScan,
+    pose_world_base: Float[np.ndarray | Array, "3"] | None = None,
+    ax: Axes | None = None,
+    *,
+    color: str = style.SCAN,
+    label: str = "scan",
+) -> Axes:
+    """Draws the end points of a scan's valid beams in the world frame, and the lidar as a cross.
+
+    Args:
+        scan: ranges `[B]` in metres and mask `[B]`.
+        pose_world_base: `[3]` pose of the base (m, m, rad); None for the base frame itself.
+        ax: axes to draw on; None for pyplot's current ones.
+        color: of the points.
+        label: name in a legend.
+
+    Raises:
+        ValueError: if the pose is not finite.
+    """
+    ax = style.axes_or_current(ax)
+    base = np.zeros(3) if pose_world_base is None else np.asarray(pose_world_base, float)
+    if not np.isfinite(base).all():
+        raise ValueError(f"pose_world_base is {base}: give finite metres and radians")
+    lidar = compose_poses(base, np.asarray(scan.pose_base_lidar, float))
+    valid = np.asarray(scan.valid)
+    bearing = lidar[2] + np.asarray(scan.angles(), float)[valid]
+    ranges = np.asarray(scan.ranges, float)[valid]
+    x, y = lidar[0] + ranges * np.cos(bearing), lidar[1] + ranges * np.sin(bearing)
+    ax.scatter(x, y, s=4, color=color, linewidths=0, label=label, zorder=2.5)
+    ax.plot(lidar[0], lidar[1], "+", color=color, markersize=7)
+    style.metre_axes(ax)
+    return ax
+
+
+def plot_covariance(
+    mean: Float[np.ndarray | Array, "*batch dims"],
+    covariance: Float[np.ndarray | Array, "*batch dims dims"],
+    ax: Axes | None = None,
+    *,
+    num_sigmas: float = 3.0,
+    color: str = style.ESTIMATE,
+    label: str | None = None,
+) -> Axes:
+    """Draws position uncertainty as ellipses.
+
+    Args:
+        mean: `[2]` or `[3]`, or a batch `[M, ...]` of them: x, y in metres first.
+        covariance: `[2, 2]` or `[3, 3]`, or a batch: its position block is in m².
+        ax: axes to draw on; None for pyplot's current ones.
+        num_sigmas: half axes in standard deviations. 3 holds 98.9 % of a planar Gaussian.
+        color: of the outlines.
+        label: name in a legend; None for the number of sigmas.
+
+    Raises:
+        ValueError: if a value is not finite or a covariance has a negative eigenvalue.
+    """
+    ax = style.axes_or_current(ax)
+    means = np.asarray(mean, float)[..., :2].reshape(-1, 2)
+    blocks = np.asarray(covariance, float)[..., :2, :2].reshape(-1, 2, 2)
+    if not (np.isfinite(means).all() and np.isfinite(blocks).all()):
+        raise ValueError("mean or covariance is not finite: leave such steps out")
+    variances, directions = np.linalg.eigh(blocks)
+    # Rounding may leave a flat direction slightly negative.
+    if (variances[:, 0] < -1e-6 * np.abs(variances[:, 1]) - 1e-12).any():
+        raise ValueError(f"covariance has the eigenvalue {variances.min():g} m²: it must be >= 0")
+    diameters = 2 * num_sigmas * np.sqrt(np.maximum(variances, 0.0))
+    angles = np.rad2deg(np.arctan2(directions[:, 1, 1], directions[:, 0, 1]))
+    name = f"{num_sigmas:g} σ" if label is None else label
+    for centre, (minor, major), angle in zip(means, diameters, angles, strict=True):
+        ax.add_patch(
+            Ellipse(
+                (centre[0], centre[1]),
+                major,
+                minor,
+                angle=angle,
+                fill=False,
+                edgecolor=color,
+                linewidth=0.9,
+                label=name,
+            )
+        )
+        name = "_nolegend_"
+    ax.autoscale_view()
+    style.metre_axes(ax)
+    return ax
+
+
+def checked_resolution(resolution: float | Float[np.ndarray | Array, ""]) -> float:
+    """The side of a cell as a float, if it can be one."""
+    side = float(resolution)
+    if not (np.isfinite(side) and side > 0):
+        raise ValueError(f"resolution is {side}: give a positive number of metres")
+    return side

@@ -1,0 +1,128 @@
+"""The picture of a result: map, trajectory and particle cloud, with the truth beside it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Array, Float, Shaped
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from jaxslam.viz import style
+from jaxslam.viz.maps import Poses, checked_resolution, plot_map, plot_particles, plot_trajectory
+from jaxslam.viz.raster import UNKNOWN_GREY, known_box, map_levels
+
+_MARGIN_M = 0.5
+
+
+@dataclass(frozen=True)
+class MapLayer:
+    """A map and the path driven in it.
+
+    Attributes:
+        occupancy: `[H, W]` probabilities, int8 log-odds or uint8 levels, see `map_levels`.
+        resolution: side of a cell, metres.
+        origin: `[2]` world position of the lower-left corner of cell (0, 0), metres.
+        poses: `[M, 3]` trajectory (m, m, rad), or None.
+    """
+
+    occupancy: Shaped[np.ndarray | Array, "*shape"]
+    resolution: float | Float[np.ndarray | Array, ""]
+    origin: Float[np.ndarray | Array, "2"]
+    poses: Poses | None = None
+
+
+def save_map_picture(
+    path: str | Path,
+    occupancy: Shaped[np.ndarray | Array, "*shape"],
+    resolution: float | Float[np.ndarray | Array, ""],
+    origin: Float[np.ndarray | Array, "2"],
+    *,
+    poses: Poses | None = None,
+    particles: Poses | None = None,
+    weights: Float[np.ndarray | Array, "_"] | None = None,
+    truth: MapLayer | None = None,
+    title: str = "estimate",
+    dpi: int = 200,
+) -> None:
+    """Writes the picture of a map, in the format of the path's suffix (png, pdf, svg, …).
+
+    Args:
+        path: file to write; its folder must exist.
+        occupancy: `[H, W]` probabilities, int8 log-odds or uint8 levels, see `map_levels`.
+        resolution: side of a cell, metres.
+        origin: `[2]` world position of the lower-left corner of cell (0, 0), metres.
+        poses: `[M, 3]` estimated trajectory (m, m, rad), or None.
+        particles: `[N, 3]` particle poses, usually the last ones, or None.
+        weights: `[N]` particle weights, or None for equal ones.
+        truth: the known map and path, in the same frame. It gets a panel of the same extent, and
+            its path is drawn under the estimate too.
+        title: of the left panel.
+        dpi: pixels per inch. A panel is about 5 inches wide.
+
+    Raises:
+        ValueError: if an array cannot be drawn or the format is unknown.
+        OSError: if the file cannot be written.
+    """
+    estimate = MapLayer(occupancy, resolution, origin, poses)
+    layers = [estimate] if truth is None else [estimate, truth]
+    extent = _common_extent(layers)
+    figure = Figure(figsize=_figure_size(extent, len(layers)), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(1, len(layers), squeeze=False, sharex=True, sharey=True)[0]
+    for panel, layer, name in zip(panels, layers, (title, "truth"), strict=False):
+        plot_map(layer.occupancy, layer.resolution, layer.origin, panel, margin_m=_MARGIN_M)
+        _decorate(panel, name, extent)
+    if poses is not None:
+        _draw_path(panels[0], poses, "estimated path", style.ESTIMATE, "-")
+    if truth is not None and truth.poses is not None:
+        # Dashes over the solid line: both show where they agree.
+        for panel in panels:
+            _draw_path(panel, truth.poses, "true path", style.REFERENCE, "--")
+    if particles is not None:
+        plot_particles(particles, weights, panels[0])
+    for panel in panels[1:]:
+        panel.set_ylabel("")
+    handles, labels = panels[0].get_legend_handles_labels()
+    if labels:
+        figure.legend(
+            handles,
+            labels,
+            loc="outside lower center",
+            ncols=min(len(labels), 5),
+            frameon=False,
+            fontsize="small",
+        )
+    figure.savefig(path, dpi=dpi)
+
+
+def _draw_path(ax: Axes, poses: Poses, label: str, color: str, linestyle: str) -> None:
+    plot_trajectory(poses, ax, label=label, color=color, linestyle=linestyle, legend=False)
+
+
+def _common_extent(layers: list[MapLayer]) -> tuple[float, float, float, float]:
+    """Left, right, bottom, top in metres of all that is known in any layer."""
+    extents = []
+    for layer in layers:
+        side = checked_resolution(layer.resolution)
+        box = known_box(map_levels(layer.occupancy), margin=round(_MARGIN_M / side))
+        extents.append(box.extent(side, np.asarray(layer.origin, float)))
+    left, right, bottom, top = np.array(extents).T
+    return float(left.min()), float(right.max()), float(bottom.min()), float(top.max())
+
+
+def _figure_size(extent: tuple[float, float, float, float], num_panels: int) -> tuple[float, float]:
+    """Inches that give each panel the shape of its extent, with room for labels and legend."""
+    left, right, bottom, top = extent
+    aspect = (top - bottom) / (right - left)
+    width = 5.2 if aspect <= 1.5 else 5.2 * 1.5 / aspect
+    return num_panels * (max(width, 2.2) + 0.5), float(np.clip(width * aspect, 1.2, 7.8)) + 1.1
+
+
+def _decorate(ax: Axes, title: str, extent: tuple[float, float, float, float]) -> None:
+    ax.set_title(title, fontsize="medium")
+    # What one map does not know is as unknown beyond its edge.
+    ax.set_facecolor(str(UNKNOWN_GREY / 255))
+    ax.set_xlim(extent[0], extent[1])
+    ax.set_ylim(extent[2], extent[3])

@@ -3,6 +3,8 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, UInt8
 
+from jaxslam.once import computed_once
+
 MAX_RADIUS = 10
 """Largest radius in cells whose squares fit a byte: (r² + 1) + r² ≤ 255."""
 
@@ -24,35 +26,40 @@ def margin_rows(radius: int) -> int:
     return radius + 1
 
 
-def squared_distance_flat(occupied: Bool[Array, "H W"], radius: int) -> UInt8[Array, "HW"]:
-    """As `squared_distance`, row after row, without the margin rows and wrong near the sides.
+def squared_distance_flat(occupied: Bool[Array, "H W"], radius: int) -> UInt8[Array, "cells"]:
+    """As `squared_distance`, row after row, and cheaper: wrong within `radius` columns of the sides.
 
-    The first and last `margin_rows(radius)` rows are read only; the result has the others. Within
-    `radius` columns of the left and right side a distance may be taken to the neighbouring row's other
-    end. For that the whole transform is `4 · radius` shifted reads of flat arrays and compiles to a few
-    vector instructions per cell.
+    There a distance may be taken to the neighbouring row's other end. The first and last
+    `margin_rows(radius)` rows are read only; the result has the others. For that the whole transform is
+    `4 · radius` shifted reads of flat arrays and compiles to a few vector instructions per cell.
 
-    Separable min-plus (lower envelope of parabolas): along the rows, then along the columns.
+    Separable min-plus (lower envelope of parabolas), along the rows and then along the columns.
     """
     if not 1 <= radius <= MAX_RADIUS:
         raise ValueError(f"radius is {radius} cells: choose 1 to {MAX_RADIUS}")
-    height, width = occupied.shape
-    far = jnp.uint8(radius * radius + 1)
-    values = jnp.where(occupied, jnp.uint8(0), far).reshape(-1)
-    rows = _lower_envelope(values, (height - 2) * width, radius, stride=1, far=far)
-    return _lower_envelope(rows, (height - 2 * margin_rows(radius)) * width, radius, stride=width, far=far)
+    width = occupied.shape[1]
+
+    def along_rows(occupied: Bool[Array, "H W"]) -> UInt8[Array, "rows"]:
+        far = jnp.uint8(radius * radius + 1)
+        seeds = jnp.where(occupied, jnp.uint8(0), far).reshape(-1)
+        return _lower_envelope(seeds, seeds.shape[0] - 2 * width, radius, stride=1)
+
+    def along_columns(rows: UInt8[Array, "rows"]) -> UInt8[Array, "cells"]:
+        return _lower_envelope(rows, rows.shape[0] - 2 * radius * width, radius, stride=width)
+
+    # Both once: fused, the first would be computed anew for every shift of the second.
+    return computed_once(along_columns, computed_once(along_rows, occupied))
 
 
-def _lower_envelope(
-    values: UInt8[Array, "n"], size: int, radius: int, stride: int, far: UInt8[Array, ""]
-) -> UInt8[Array, "size"]:
+def _lower_envelope(values: UInt8[Array, "n"], size: int, radius: int, stride: int) -> UInt8[Array, "size"]:
     first = (values.shape[0] - size) // 2
 
-    def shifted(steps: int) -> UInt8[Array, "size"]:
-        return values[first + steps * stride : first + steps * stride + size]
+    def shifted(cells: int) -> UInt8[Array, "size"]:
+        start = first + cells * stride
+        return values[start : start + size]
 
     result = shifted(0)
-    for steps in range(1, radius + 1):
-        nearer = jnp.minimum(shifted(-steps), shifted(steps))
-        result = jnp.minimum(result, nearer + jnp.uint8(steps * steps))
-    return jnp.minimum(result, far)
+    for cells in range(1, radius + 1):
+        nearer = jnp.minimum(shifted(-cells), shifted(cells))
+        result = jnp.minimum(result, nearer + jnp.uint8(cells * cells))
+    return jnp.minimum(result, jnp.uint8(radius * radius + 1))

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Int8, Int16
 
-from jaxslam.materialise import materialise
+from jaxslam.once import computed_once
 from jaxslam.types import LidarScan
 
 LOG_ODDS_PER_UNIT = 0.05
@@ -66,34 +66,34 @@ def range_table(scan: LidarScan, resolution: Float[Array, ""], max_cells: int) -
     Between two beams the shorter range counts: along a wall seen at a grazing angle the longer one would
     carve into it.
     """
+
+    def tabulate(scan: LidarScan) -> Int16[Array, "n"]:
+        position = _position_among_beams(scan)
+        nearest = _reach(scan, jnp.round(position))
+        below, above = _reach(scan, jnp.floor(position)), _reach(scan, jnp.ceil(position))
+        shorter = jnp.where((below > 0) & (above > 0), jnp.minimum(below, above), nearest)
+        half_cells = jnp.floor(2 * shorter / resolution)
+        return jnp.clip(half_cells, 0, 2 * max_cells).astype(jnp.int16)
+
+    return RangeTable(computed_once(tabulate, scan))
+
+
+def _position_among_beams(scan: LidarScan) -> Float[Array, "n"]:
+    """Where each bearing of the table falls among the beams, in beams; ≥ B where it falls behind them."""
     bearing = jnp.arange(NUM_BEARINGS, dtype=jnp.float32) * (2 * np.pi / NUM_BEARINGS)
-    offset = bearing - scan.angle_min
-    turn = 2 * jnp.pi * jnp.sign(scan.angle_increment)
-    # Position of the bearing among the beams, counted in the direction in which the beams run.
-    along = jnp.mod(offset * jnp.sign(scan.angle_increment), 2 * jnp.pi)
-    along = jnp.where(along > 2 * jnp.pi - jnp.abs(scan.angle_increment), along - jnp.abs(turn), along)
-    position = along / jnp.abs(scan.angle_increment)
-
-    def reach(index: Int[Array, "n"]) -> Float[Array, "n"]:
-        inside = (index >= 0) & (index < scan.num_beams)
-        clipped = jnp.clip(index, 0, scan.num_beams - 1)
-        return jnp.where(inside & scan.valid[clipped], scan.ranges[clipped], 0.0)
-
-    nearest = reach(jnp.round(position).astype(jnp.int32))
-    below = reach(jnp.floor(position).astype(jnp.int32))
-    above = reach(jnp.ceil(position).astype(jnp.int32))
-    shorter = jnp.where((below > 0) & (above > 0), jnp.minimum(below, above), nearest)
-    half_cells = jnp.clip(jnp.floor(2 * shorter / resolution), 0, 2 * max_cells)
-    return RangeTable(materialise(half_cells.astype(jnp.int16)))
+    direction, spacing = jnp.sign(scan.angle_increment), jnp.abs(scan.angle_increment)
+    along = jnp.mod((bearing - scan.angle_min) * direction, 2 * jnp.pi)
+    # Just before beam 0 is just before it, and not a whole turn behind.
+    along = jnp.where(along > 2 * jnp.pi - spacing, along - 2 * jnp.pi, along)
+    return along / spacing
 
 
-def bearing_and_distance_tables(size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Bearing index and distance in half cells of every cell of a window, seen from its centre cell."""
-    offset = np.arange(size) - size // 2
-    dx, dy = np.meshgrid(offset, offset)
-    bearing = np.round(np.arctan2(dy, dx) * (NUM_BEARINGS / (2 * np.pi))).astype(np.int16)
-    distance = np.ceil(2 * np.hypot(dx, dy)).astype(np.int16)
-    return bearing % NUM_BEARINGS, distance
+def _reach(scan: LidarScan, beam: Float[Array, "n"]) -> Float[Array, "n"]:
+    """Range of the beams with the given indices; 0 where there is none or it did not return."""
+    index = beam.astype(jnp.int32)
+    inside = (index >= 0) & (index < scan.num_beams)
+    clipped = jnp.clip(index, 0, scan.num_beams - 1)
+    return jnp.where(inside & scan.valid[clipped], scan.ranges[clipped], 0.0)
 
 
 def add_scan(
@@ -123,7 +123,7 @@ def add_scan(
     shift = jnp.round(heading * (NUM_BEARINGS / (2 * np.pi))).astype(jnp.int16)
     # Two's complement: the mask takes negative differences to the right entry as well.
     index = (jnp.asarray(bearing) - shift) & jnp.int16(NUM_BEARINGS - 1)
-    free_until = table.free_until.at[index].get(mode="promise_in_bounds")
+    free_until = table.free_until.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
     free = jnp.asarray(distance) + jnp.int16(2) <= free_until
     change = jnp.where(free, quantise(model.miss), jnp.int8(0))
     # An index past the end is dropped; one before the beginning would wrap round.

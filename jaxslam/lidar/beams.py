@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxslam import se2
+from jaxslam.once import computed_once
 from jaxslam.types import LidarScan
 
 
@@ -34,5 +35,11 @@ def scan_points(scan: LidarScan, max_beams: int | None = None) -> ScanPoints:
         chosen = np.round(np.linspace(0, scan.num_beams - 1, max_beams)).astype(np.int32)
         angles, ranges, valid = angles[chosen], ranges[chosen], valid[chosen]
     ranges = jnp.where(valid, ranges, 0.0)
-    points_lidar = jnp.stack([ranges * jnp.cos(angles), ranges * jnp.sin(angles)], axis=-1)
-    return ScanPoints(se2.apply(scan.pose_base_lidar, points_lidar), valid)
+
+    def place(polar: tuple[Array, Array]) -> Float[Array, "B 2"]:
+        angle, reach = polar
+        points_lidar = jnp.stack([reach * jnp.cos(angle), reach * jnp.sin(angle)], axis=-1)
+        return se2.apply(scan.pose_base_lidar, points_lidar)
+
+    # Once per scan, not once per particle.
+    return ScanPoints(computed_once(place, (angles, ranges)), valid)

@@ -67,48 +67,33 @@ class GaussNewton(eqx.Module):
         self, field: DistanceField, ends: ScanPoints, pose: Float[Array, "3"]
     ) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
         """Normal matrix JᵀJ / s² and right-hand side Jᵀr / s²."""
-        arms = se2.rotate(jnp.broadcast_to(pose[2], ends.valid.shape), ends.points)
-        points = arms + pose[None, :2]
-        value, slope_x, slope_y = self._interpolate(field, points)
-        weight = ends.valid.astype(jnp.float32)
-        jacobian = jnp.stack([slope_x, slope_y, arms[:, 0] * slope_y - arms[:, 1] * slope_x])
-        weighted = jacobian * weight[None]
-        # One stacked reduction: six entries of the symmetric matrix and three of the right-hand side.
-        terms = jnp.stack(
-            [
-                weighted[0] * jacobian[0],
-                weighted[0] * jacobian[1],
-                weighted[0] * jacobian[2],
-                weighted[1] * jacobian[1],
-                weighted[1] * jacobian[2],
-                weighted[2] * jacobian[2],
-                weighted[0] * (1.0 - value),
-                weighted[1] * (1.0 - value),
-                weighted[2] * (1.0 - value),
-            ]
-        )
-        xx, xy, xt, yy, yt, tt, gx, gy, gt = jnp.sum(terms, axis=1) / self.residual_scale**2
-        normal = jnp.stack([xx, xy, xt, xy, yy, yt, xt, yt, tt]).reshape(3, 3)
-        return normal, jnp.stack([gx, gy, gt])
+        cos, sin = jnp.cos(pose[2]), jnp.sin(pose[2])
+        arm_x = cos * ends.points[:, 0] - sin * ends.points[:, 1]
+        arm_y = sin * ends.points[:, 0] + cos * ends.points[:, 1]
+        value, slope_x, slope_y = self._interpolate(field, arm_x + pose[0], arm_y + pose[1])
+        slope_theta = arm_x * slope_y - arm_y * slope_x
+        residual = 1.0 - value
+        weight = ends.valid.astype(jnp.float32) / self.residual_scale**2
+        x, y, theta = slope_x * weight, slope_y * weight, slope_theta * weight
+        # Nine sums and not one of a stack: fused with what they sum, they are four times as fast.
+        xx, xy, xt = jnp.sum(x * slope_x), jnp.sum(x * slope_y), jnp.sum(x * slope_theta)
+        yy, yt, tt = jnp.sum(y * slope_y), jnp.sum(y * slope_theta), jnp.sum(theta * slope_theta)
+        gradient = jnp.stack([jnp.sum(x * residual), jnp.sum(y * residual), jnp.sum(theta * residual)])
+        return jnp.stack([xx, xy, xt, xy, yy, yt, xt, yt, tt]).reshape(3, 3), gradient
 
     def _interpolate(
-        self, field: DistanceField, points: Float[Array, "B 2"]
+        self, field: DistanceField, x: Float[Array, "B"], y: Float[Array, "B"]
     ) -> tuple[Float[Array, "B"], Float[Array, "B"], Float[Array, "B"]]:
         """M and its slopes per metre at the points, bilinear between cell centres."""
-        cells = (points - field.origin[None]) / field.resolution - 0.5
-        column = jnp.clip(cells[:, 0], 0.0, field.width - 1.01)
-        row = jnp.clip(cells[:, 1], 0.0, field.height - 1.01)
-        left, lower = column.astype(jnp.int32), row.astype(jnp.int32)
-        across, up = column - left.astype(jnp.float32), row - lower.astype(jnp.float32)
-        corner = lower * field.width + left
-        corners = jnp.stack([corner, corner + 1, corner + field.width, corner + field.width + 1])
-        squared = field.squared_cells.at[corners].get(mode="promise_in_bounds")
-        value = jnp.exp(-0.5 * squared.astype(jnp.float32) / self.sigma_cells**2)
-        slope_lower, slope_upper = value[1] - value[0], value[3] - value[2]
-        on_lower, on_upper = value[0] + across * slope_lower, value[2] + across * slope_upper
+        squared, along, up = field.corners(x, y)
+        precision = -0.5 / self.sigma_cells**2
+        lower_left, lower_right, upper_left, upper_right = (jnp.exp(precision * d) for d in squared)
+        slope_lower, slope_upper = lower_right - lower_left, upper_right - upper_left
+        lower, upper = lower_left + along * slope_lower, upper_left + along * slope_upper
         slope_x = slope_lower + up * (slope_upper - slope_lower)
-        slope_y = on_upper - on_lower
-        return on_lower + up * slope_y, slope_x / field.resolution, slope_y / field.resolution
+        slope_y = upper - lower
+        scale = 1.0 / field.resolution
+        return lower + up * slope_y, slope_x * scale, slope_y * scale
 
 
 def _offset(from_pose: Float[Array, "3"], to_pose: Float[Array, "3"]) -> Float[Array, "3"]:

@@ -2,9 +2,10 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, UInt8
+from jaxtyping import Array, Bool, Float, Int, UInt8, UInt16
 
 from jaxslam.grid.distance import margin_rows, squared_distance_flat
+from jaxslam.once import computed_once
 
 COARSE_FACTOR = 4
 """Cells of the map along one side of a coarse cell."""
@@ -16,7 +17,8 @@ class DistanceField(eqx.Module):
     """Truncated squared distance to the nearest occupied cell, row after row.
 
     Attributes:
-        squared_cells: `[height · width]` squared cells, at most `radius² + 1`.
+        pairs: `[height · width]` squared cells, at most `radius² + 1`: a cell's own in the low byte and its
+            right neighbour's in the high one, so that interpolation takes two look-ups and not four.
         origin: `[2]` world position of the lower-left corner, metres.
         resolution: side of a cell, metres.
         height: rows (static).
@@ -24,7 +26,7 @@ class DistanceField(eqx.Module):
         radius: truncation radius in cells (static).
     """
 
-    squared_cells: UInt8[Array, "cells"]
+    pairs: UInt16[Array, "cells"]
     origin: Float[Array, "2"]
     resolution: Float[Array, ""]
     height: int = eqx.field(static=True)
@@ -33,14 +35,39 @@ class DistanceField(eqx.Module):
 
     def squared_distance(self, points: Float[Array, "B 2"]) -> Float[Array, "B"]:
         """Squared distance in m² from the cells that hold the points; truncated off the field."""
-        cells = jnp.floor((points - self.origin[None]) / self.resolution).astype(jnp.int32)
-        column, row = cells[:, 0], cells[:, 1]
+        scale = 1.0 / self.resolution
+        column = jnp.floor((points[:, 0] - self.origin[0]) * scale).astype(jnp.int32)
+        row = jnp.floor((points[:, 1] - self.origin[1]) * scale).astype(jnp.int32)
         side = self.radius
         inside = (column >= side) & (column < self.width - side) & (row >= 0) & (row < self.height)
         index = jnp.where(inside, row * self.width + column, 0)
-        found = self.squared_cells.at[index].get(mode="promise_in_bounds").astype(jnp.float32)
+        found = self._look_up(index) & jnp.uint16(0xFF)
         far = self.radius * self.radius + 1.0
-        return jnp.where(inside, found, far) * self.resolution * self.resolution
+        squared_cells = jnp.where(inside, found.astype(jnp.float32), far)
+        return squared_cells * self.resolution * self.resolution
+
+    def corners(
+        self, x: Float[Array, "B"], y: Float[Array, "B"]
+    ) -> tuple[tuple[Float[Array, "B"], ...], Float[Array, "B"], Float[Array, "B"]]:
+        """Squared distances in cells² at the four cell centres around each point.
+
+        Returns:
+            Lower left, lower right, upper left and upper right `[B]`, then how far between them the point
+            lies along x and along y, 0 to 1. Points off the field are moved to its edge.
+        """
+        scale = 1.0 / self.resolution
+        column = jnp.clip((x - self.origin[0]) * scale - 0.5, 0.0, self.width - 1.01)
+        row = jnp.clip((y - self.origin[1]) * scale - 0.5, 0.0, self.height - 1.01)
+        left, low = column.astype(jnp.int32), row.astype(jnp.int32)
+        index = low * self.width + left
+        lower, upper = self._look_up(index), self._look_up(index + self.width)
+        mask, shift = jnp.uint16(0xFF), jnp.uint16(8)
+        values = (lower & mask, lower >> shift, upper & mask, upper >> shift)
+        along, up = column - left.astype(jnp.float32), row - low.astype(jnp.float32)
+        return tuple(value.astype(jnp.float32) for value in values), along, up
+
+    def _look_up(self, index: Int[Array, "B"]) -> UInt16[Array, "B"]:
+        return self.pairs.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
 class Field(eqx.Module):
@@ -57,7 +84,7 @@ class Field(eqx.Module):
 
 def window_rows(size: int, radius: int) -> int:
     """Rows that a window of `size` columns must have to be prepared: the field's and its margins."""
-    return size + 2 * _margin(radius)
+    return size + 2 * margin_rows(radius)
 
 
 def prepare_field(
@@ -68,28 +95,40 @@ def prepare_field(
 ) -> Field:
     """Distance fields of a window of `window_rows` rows whose lower-left corner is at `origin`."""
     rows, size = occupied.shape
-    margin = _margin(radius)
+    margin = margin_rows(radius)
     height = rows - 2 * margin
-    fine = squared_distance_flat(
-        occupied[margin - margin_rows(radius) : rows - margin + margin_rows(radius)], radius
-    )
-    coarse_rows, coarse_width = rows // COARSE_FACTOR, size // COARSE_FACTOR
-    blocks = occupied.reshape(coarse_rows, COARSE_FACTOR, coarse_width, COARSE_FACTOR)
-    coarse = squared_distance_flat(jnp.any(blocks, axis=(1, 3)), COARSE_RADIUS)
-    lift = jnp.asarray([0.0, margin], jnp.float32) * resolution
+    fine = squared_distance_flat(occupied, radius)
+    coarse = _coarsen(fine.reshape(height, size), radius)
+    origin = origin + jnp.asarray([0.0, margin], jnp.float32) * resolution
     return Field(
-        fine=DistanceField(fine, origin + lift, resolution, height, size, radius),
+        fine=DistanceField(_pairs(fine), origin, resolution, height, size, radius),
         coarse=DistanceField(
-            coarse,
-            origin + lift,
+            _pairs(coarse),
+            origin,
             resolution * COARSE_FACTOR,
             height // COARSE_FACTOR,
-            coarse_width,
+            size // COARSE_FACTOR,
             COARSE_RADIUS,
         ),
     )
 
 
-def _margin(radius: int) -> int:
-    """Map rows of margin on either side that serve both levels."""
-    return max(margin_rows(COARSE_RADIUS) * COARSE_FACTOR, margin_rows(radius))
+def _coarsen(fine: UInt8[Array, "H W"], radius: int) -> UInt8[Array, "cells"]:
+    """Squared distances in coarse cells, from every fourth row and column of the fine ones.
+
+    No obstacle is missed: none is farther than half a coarse diagonal, 2.8 cells, from one of them.
+    """
+    centre = COARSE_FACTOR // 2
+    sampled = fine[centre::COARSE_FACTOR, centre::COARSE_FACTOR]
+    seeds = sampled <= jnp.uint8(centre * centre + centre * centre)
+    return squared_distance_flat(jnp.pad(seeds, ((margin_rows(COARSE_RADIUS),) * 2, (0, 0))), COARSE_RADIUS)
+
+
+def _pairs(squared: UInt8[Array, "cells"]) -> UInt16[Array, "cells"]:
+    """Each cell with its right neighbour; the last cell of a row gets the next row's first, which no point uses."""
+
+    def pack(squared: UInt8[Array, "cells"]) -> UInt16[Array, "cells"]:
+        right = jnp.pad(squared[1:], (0, 1))
+        return squared.astype(jnp.uint16) | (right.astype(jnp.uint16) << jnp.uint16(8))
+
+    return computed_once(pack, squared)

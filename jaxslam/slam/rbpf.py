@@ -10,9 +10,9 @@ from jaxslam.flags import Flag
 from jaxslam.grid.occupancy import OccupancyModel, add_scan, is_occupied, range_table
 from jaxslam.grid.spec import GridSpec
 from jaxslam.grid.window import copy_maps, read_windows, window_origin, window_start, write_windows
-from jaxslam.lidar.beams import ScanPoints, scan_points
-from jaxslam.materialise import materialise
+from jaxslam.lidar.beams import scan_points
 from jaxslam.motion.base import AbstractMotionModel
+from jaxslam.once import computed_once
 from jaxslam.proposal.base import AbstractProposal, Proposed
 from jaxslam.resampling.adaptive import AdaptiveResampling
 from jaxslam.resampling.ess import normalise
@@ -176,7 +176,7 @@ class RBPF(eqx.Module):
         table = range_table(scan, self.grid.resolution, self.window_size // 2 - 2)
         ends = scan_points(self._hits(scan))
         # The heading of a particle would otherwise be computed again for each cell of its window.
-        poses = materialise(poses)
+        poses = computed_once(lambda poses: poses + 0.0, poses)
         lidar = jax.vmap(se2.compose, (0, None))(poses, scan.pose_base_lidar)
         starts, off_map = jax.vmap(lambda pose: window_start(self.grid, pose[:2], shape))(lidar)
 

@@ -33,7 +33,8 @@ class PreparedInputs:
         pose0: `[3]` odometry pose at the first scan.
         stamps: `[T]` seconds, stamps of the processed scans.
         scan_index: `[T]` which scans of the log they are.
-        all_stamps: `[S]` stamps of all scans that lie within the odometry.
+        all_index: `[S]` the scans of the log that lie within the odometry.
+        all_stamps: `[S]` their stamps.
         all_odometry: `[S, 3]` odometry pose at each of them.
         odometry_bounds: `[2, 2]` lower and upper corner of the odometry path, metres.
     """
@@ -42,13 +43,21 @@ class PreparedInputs:
     pose0: Float64[np.ndarray, "3"]
     stamps: Float64[np.ndarray, "T"]
     scan_index: Int[np.ndarray, "T"]
+    all_index: Int[np.ndarray, "S"]
     all_stamps: Float64[np.ndarray, "S"]
     all_odometry: Float64[np.ndarray, "S 3"]
     odometry_bounds: Float64[np.ndarray, "2 2"]
 
 
-def prepare_inputs(log: SensorLog, thinning: Thinning) -> PreparedInputs:
+def prepare_inputs(
+    log: SensorLog, thinning: Thinning, range_limits: tuple[float, float] = (0.0, float("inf"))
+) -> PreparedInputs:
     """Thins the scans by motion and pairs each with the odometry since the one before.
+
+    Args:
+        log: needs scans and odometry.
+        thinning: which scans are processed.
+        range_limits: shortest and longest range, metres, that counts as a return of this lidar.
 
     Raises:
         LogError: without scans or odometry, or where the two do not overlap in time.
@@ -76,7 +85,9 @@ def prepare_inputs(log: SensorLog, thinning: Thinning) -> PreparedInputs:
     deltas[1:] = relative_poses(kept_poses[:-1], kept_poses[1:])
     stamps = scans.stamps[chosen]
     intervals = np.diff(stamps, prepend=stamps[0])
-    valid = np.isfinite(scans.ranges[chosen])
+    ranges = scans.ranges[chosen]
+    shortest, longest = range_limits
+    valid = np.isfinite(ranges) & (ranges >= shortest) & (ranges < longest)
     count = len(kept)
     inputs = StepInputs(
         odometry=OdometryIncrement(
@@ -85,7 +96,7 @@ def prepare_inputs(log: SensorLog, thinning: Thinning) -> PreparedInputs:
             dt=jnp.asarray(intervals, jnp.float32),
         ),
         scan=LidarScan(
-            ranges=jnp.asarray(np.where(valid, scans.ranges[chosen], 0.0), jnp.float32),
+            ranges=jnp.asarray(np.where(valid, ranges, 0.0), jnp.float32),
             valid=jnp.asarray(valid),
             angle_min=jnp.asarray(scans.angle_min[chosen], jnp.float32),
             angle_increment=jnp.asarray(scans.angle_increment[chosen], jnp.float32),
@@ -98,6 +109,7 @@ def prepare_inputs(log: SensorLog, thinning: Thinning) -> PreparedInputs:
         pose0=kept_poses[0],
         stamps=stamps,
         scan_index=chosen,
+        all_index=candidates,
         all_stamps=scans.stamps[candidates],
         all_odometry=poses,
         odometry_bounds=np.stack([positions.min(axis=0), positions.max(axis=0)]),

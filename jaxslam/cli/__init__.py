@@ -1,0 +1,5 @@
+"""The `jaxslam` command."""
+
+from jaxslam.cli.entry import main
+
+__all__ = ["main"]

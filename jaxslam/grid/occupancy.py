@@ -69,7 +69,9 @@ def range_table(scan: LidarScan, resolution: Float[Array, ""], max_cells: int) -
 
     def tabulate(scan: LidarScan) -> Int16[Array, "n"]:
         position = _position_among_beams(scan)
-        nearest = _reach(scan, jnp.round(position))
+        # Nearer to beam 0 from behind than to the last one.
+        behind = position >= 2 * jnp.pi / jnp.abs(scan.angle_increment) - 0.5
+        nearest = _reach(scan, jnp.where(behind, 0.0, jnp.round(position)))
         below, above = _reach(scan, jnp.floor(position)), _reach(scan, jnp.ceil(position))
         shorter = jnp.where((below > 0) & (above > 0), jnp.minimum(below, above), nearest)
         half_cells = jnp.floor(2 * shorter / resolution)
@@ -79,19 +81,19 @@ def range_table(scan: LidarScan, resolution: Float[Array, ""], max_cells: int) -
 
 
 def _position_among_beams(scan: LidarScan) -> Float[Array, "n"]:
-    """Where each bearing of the table falls among the beams, in beams; ≥ B where it falls behind them."""
+    """Where each bearing of the table falls among the beams: in beams, from 0 to those of a whole turn."""
     bearing = jnp.arange(NUM_BEARINGS, dtype=jnp.float32) * (2 * np.pi / NUM_BEARINGS)
     direction, spacing = jnp.sign(scan.angle_increment), jnp.abs(scan.angle_increment)
-    along = jnp.mod((bearing - scan.angle_min) * direction, 2 * jnp.pi)
-    # Just before beam 0 is just before it, and not a whole turn behind.
-    along = jnp.where(along > 2 * jnp.pi - spacing, along - 2 * jnp.pi, along)
-    return along / spacing
+    return jnp.mod((bearing - scan.angle_min) * direction, 2 * jnp.pi) / spacing
 
 
 def _reach(scan: LidarScan, beam: Float[Array, "n"]) -> Float[Array, "n"]:
     """Range of the beams with the given indices; 0 where there is none or it did not return."""
-    index = beam.astype(jnp.int32)
-    inside = (index >= 0) & (index < scan.num_beams)
+    # A whole turn behind beam 0 is beam 0 again: a lidar that sees all round has no gap there.
+    # A quarter beam of tolerance: increments are often rounded.
+    whole_turn = jnp.ceil(2 * jnp.pi / jnp.abs(scan.angle_increment) - 0.25).astype(jnp.int32)
+    index = jnp.mod(beam.astype(jnp.int32), whole_turn)
+    inside = index < scan.num_beams
     clipped = jnp.clip(index, 0, scan.num_beams - 1)
     return jnp.where(inside & scan.valid[clipped], scan.ranges[clipped], 0.0)
 

@@ -8,7 +8,7 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 from jaxslam.io.log import LogError
 from jaxslam.io.topics import TRANSFORMS
@@ -81,7 +81,7 @@ class BagFile:
         self._connections = list(self._reader.connections)
         self.topics = self._count_topics()
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "BagFile":
         return self
 
     def __exit__(

@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from jaxslam import se2
 from jaxslam.lidar.beams import ScanPoints
@@ -51,7 +51,7 @@ class GaussNewton(eqx.Module):
     ) -> Float[Array, "3"]:
         """Pose `[3]` after the iterations from `start`; the caller compares scores."""
 
-        def iterate(_: int, pose: Float[Array, "3"]) -> Float[Array, "3"]:
+        def iterate(_: Int[Array, ""], pose: Float[Array, "3"]) -> Float[Array, "3"]:
             normal, gradient = self._linearise(field, ends, pose)
             normal = normal + prior.precision + DAMPING * jnp.eye(3, dtype=jnp.float32)
             gradient = gradient + prior.precision @ _offset(pose, prior.mean)

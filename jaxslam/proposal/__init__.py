@@ -1,0 +1,7 @@
+"""Proposals: where a filter's particles go."""
+
+from jaxslam.proposal.base import AbstractProposal, Proposed
+from jaxslam.proposal.matched import MatchedProposal
+from jaxslam.proposal.motion import MotionProposal
+
+__all__ = ["AbstractProposal", "MatchedProposal", "MotionProposal", "Proposed"]

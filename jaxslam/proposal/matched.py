@@ -28,8 +28,8 @@ class MatchedProposal(AbstractProposal):
         coarse: matcher on the coarse field: a basin of about a metre.
         fine: matcher on the map's own resolution, from where the coarse one ended.
         search: wider search, run where fewer than `lost_below` of the beams meet the map.
-        prior_weight: what the motion model's precision counts for in the match; below 1 because the
-            match is one draw's refinement, not the posterior.
+        prior_translation: what the motion model's precision in position counts for in the match.
+        prior_rotation: and its precision in heading.
         lost_below: share of valid beams near an obstacle under which the match is not trusted.
         min_valid_beams: with fewer the pose is the motion model's draw.
         max_beams: beams used for matching, evenly spread over the scan (static).
@@ -40,9 +40,11 @@ class MatchedProposal(AbstractProposal):
     """
 
     coarse: GaussNewton = GaussNewton(sigma_cells=1.5, residual_scale=1.0, num_iterations=5)
-    fine: GaussNewton = GaussNewton()
+    medium: GaussNewton = GaussNewton(sigma_cells=2.0, num_iterations=5)
+    fine: GaussNewton = GaussNewton(sigma_cells=0.8, num_iterations=5)
     search: CorrelativeSearch = CorrelativeSearch()
-    prior_weight: float | Float[Array, ""] = 0.1
+    prior_translation: float | Float[Array, ""] = 1.0
+    prior_rotation: float | Float[Array, ""] = 0.1
     lost_below: float | Float[Array, ""] = 0.5
     min_valid_beams: float | Float[Array, ""] = 5.0
     max_beams: int = eqx.field(static=True, default=180)
@@ -58,25 +60,29 @@ class MatchedProposal(AbstractProposal):
     ) -> Proposed:
         """Draws, matches coarse to fine, searches if lost, and keeps the best of all that was seen."""
         drawn = motion.sample(key, pose, inputs.odometry)
-        prior = PosePrior(drawn, self.prior_weight * _precision(motion, inputs.odometry, drawn))
+        scale = jnp.sqrt(jnp.asarray([self.prior_translation, self.prior_translation, self.prior_rotation]))
+        precision = _precision(motion, inputs.odometry, drawn) * scale[:, None] * scale[None, :]
+        prior = PosePrior(drawn, precision)
         ends = scan_points(inputs.scan, self.max_beams)
 
         def score(candidate: Float[Array, "3"]) -> Float[Array, ""]:
             return sensor.log_prob(field, inputs.scan, candidate) + prior.log_prob(candidate)
 
         def refine(start: Float[Array, "3"]) -> Float[Array, "3"]:
-            return self.fine.match(field.fine, ends, start, prior)
+            near = self.medium.match(field.fine, ends, start, prior)
+            return self.fine.match(field.fine, ends, near, prior)
 
-        near = self.coarse.match(field.coarse, ends, drawn, prior)
-        matched = _best(score, drawn, near, refine(near))
+        matched = _best(score, drawn, refine(drawn))
 
         def search(best: Float[Array, "3"]) -> Float[Array, "3"]:
-            return _best(score, best, refine(self.search.search(field, ends, best, prior)))
+            coarse = self.coarse.match(field.coarse, ends, drawn, prior)
+            found = self.search.search(field, ends, drawn, prior)
+            return _best(score, best, refine(coarse), refine(found))
 
         squared = field.fine.squared_distance(se2.apply(matched, ends.points))
         near_obstacle = squared < (field.fine.radius * field.fine.resolution) ** 2
-        num_valid = jnp.sum(ends.valid)
-        share = jnp.sum(ends.valid & near_obstacle) / jnp.maximum(num_valid, 1)
+        num_valid = jnp.sum(ends.valid, dtype=jnp.float32)
+        share = jnp.sum(ends.valid & near_obstacle, dtype=jnp.float32) / jnp.maximum(num_valid, 1.0)
         enough = num_valid >= self.min_valid_beams
         lost = enough & (share < self.lost_below)
         matched = run_if(lost, search, matched)

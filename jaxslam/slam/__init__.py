@@ -1,0 +1,5 @@
+"""SLAM filters: `init`, `step`, and the trajectory read back."""
+
+from jaxslam.slam.rbpf import RBPF, RBPFState, StepInfo, trajectory
+
+__all__ = ["RBPF", "RBPFState", "StepInfo", "trajectory"]

@@ -100,7 +100,8 @@ class RBPF(eqx.Module):
     def step(self, key: PRNGKeyArray, state: RBPFState, inputs: StepInputs) -> tuple[RBPFState, StepInfo]:
         """Propose, weigh, update the maps, resample."""
         key_propose, key_resample = jax.random.split(key)
-        inputs = eqx.tree_at(lambda i: i.scan, inputs, self._usable(inputs.scan))
+        clearing = self._shortened(inputs.scan)
+        inputs = eqx.tree_at(lambda i: i.scan, inputs, self._within_range(inputs.scan))
 
         fields = self._fields(state, inputs)
         proposed = self._propose(key_propose, state, inputs, fields)
@@ -108,7 +109,7 @@ class RBPF(eqx.Module):
         log_weights = state.log_weights + log_likelihood + proposed.log_ratio
         finite = jnp.isfinite(log_weights)
         log_weights = normalise(jnp.where(finite, log_weights, -jnp.inf))
-        maps, off_map = self._update_maps(state.maps, proposed.pose, inputs.scan)
+        maps, off_map = self._update_maps(state.maps, proposed.pose, inputs.scan, clearing)
         resampling = self.resampling(key_resample, log_weights)
         ancestors = keep_survivors_in_place(resampling.ancestors)
 
@@ -133,12 +134,13 @@ class RBPF(eqx.Module):
         )
         return state, info
 
-    def _usable(self, scan: LidarScan) -> LidarScan:
-        """The scan with the returns beyond the usable range shortened, to clear space and not to hit."""
+    def _shortened(self, scan: LidarScan) -> LidarScan:
+        """The scan with the returns beyond the usable range moved to it: they clear space up to there."""
         reach = jnp.asarray(self.usable_range, jnp.float32)
         return eqx.tree_at(lambda s: s.ranges, scan, jnp.minimum(scan.ranges, reach))
 
-    def _hits(self, scan: LidarScan) -> LidarScan:
+    def _within_range(self, scan: LidarScan) -> LidarScan:
+        """The scan without the returns beyond the usable range: what is matched, weighed and mapped."""
         return eqx.tree_at(lambda s: s.valid, scan, scan.valid & (scan.ranges < self.usable_range))
 
     def _fields(self, state: RBPFState, inputs: StepInputs) -> Field:
@@ -159,22 +161,29 @@ class RBPF(eqx.Module):
 
     def _propose(self, key: PRNGKeyArray, state: RBPFState, inputs: StepInputs, fields: Field) -> Proposed:
         keys = jax.random.split(key, self.num_particles)
-        inputs = eqx.tree_at(lambda i: i.scan, inputs, self._hits(inputs.scan))
         proposed = jax.vmap(self.proposal.sample, (0, 0, None, 0, None, None))(
             keys, state.poses, inputs, fields, self.motion, self.sensor
         )
         predicted = jax.vmap(se2.compose, (0, None))(state.poses, inputs.odometry.delta)
+        # Odometry that is not a number moves nothing.
+        predicted = jnp.where(_all_finite(predicted), predicted, state.poses)
+        finite = _all_finite(proposed.pose)
         # An empty map has nothing to say, and the start pose is given: the first step does not scatter it.
-        keep = (state.num_steps == 0) | ~jnp.all(jnp.isfinite(proposed.pose), axis=1)
-        poses = jnp.where(keep[:, None], predicted, proposed.pose)
-        return eqx.tree_at(lambda p: p.pose, proposed, poses)
+        keep = (state.num_steps == 0) | ~finite
+        poses = jnp.where(keep, predicted, proposed.pose)
+        flags = proposed.flags | jnp.where(finite[:, 0], 0, Flag.NONFINITE_POSE.value)
+        return eqx.tree_at(lambda p: (p.pose, p.flags), proposed, (poses, flags.astype(jnp.int32)))
 
     def _update_maps(
-        self, maps: Int8[Array, "N H W"], poses: Float[Array, "N 3"], scan: LidarScan
+        self,
+        maps: Int8[Array, "N H W"],
+        poses: Float[Array, "N 3"],
+        scan: LidarScan,
+        clearing: LidarScan,
     ) -> tuple[Int8[Array, "N H W"], Bool[Array, "N"]]:
         shape = (self.window_size, self.window_size)
-        table = range_table(scan, self.grid.resolution, self.window_size // 2 - 2)
-        ends = scan_points(self._hits(scan))
+        table = range_table(clearing, self.grid.resolution, self.window_size // 2 - 2)
+        ends = scan_points(scan)
         # The heading of a particle would otherwise be computed again for each cell of its window.
         poses = computed_once(lambda poses: poses + 0.0, poses)
         lidar = jax.vmap(se2.compose, (0, None))(poses, scan.pose_base_lidar)
@@ -192,6 +201,10 @@ class RBPF(eqx.Module):
         windows = read_windows(maps, starts, shape)
         windows = jax.vmap(update)(windows, starts, poses, lidar[:, 2])
         return write_windows(maps, windows, starts), off_map
+
+
+def _all_finite(poses: Float[Array, "N 3"]) -> Bool[Array, "N 1"]:
+    return jnp.all(jnp.isfinite(poses), axis=1, keepdims=True)
 
 
 def _any_flag(flags: Int[Array, "N"]) -> Int[Array, ""]:

@@ -1,0 +1,118 @@
+"""The commands and their flags, as dataclasses that tyro turns into a parser.
+
+Only what `--help` needs is imported here: neither JAX nor matplotlib.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg, subcommand
+
+_FROM_CONFIGURATION = "(default: from the configuration, see `jaxslam config`)"
+
+LogPath = Annotated[Path, Positional, arg(metavar="LOG")]
+Particles = Annotated[str | None, arg(metavar="N", help_behavior_hint=_FROM_CONFIGURATION)]
+Margin = Annotated[str | None, arg(metavar="METRES", help_behavior_hint=_FROM_CONFIGURATION)]
+LidarName = Annotated[
+    str | None, arg(metavar="NAME", help_behavior_hint="(default: chosen by the log's scans)")
+]
+MethodName = Annotated[str | None, arg(metavar="rbpf|gmapping", help_behavior_hint="(default: gmapping)")]
+Assignments = Annotated[
+    UseAppendAction[tuple[str, ...]], arg(metavar="NAME=VALUE", help_behavior_hint="(default: none)")
+]
+File = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")]
+Topic = Annotated[str | None, arg(metavar="TOPIC", help_behavior_hint="(default: chosen)")]
+Switch = FlagCreatePairsOff[bool]
+
+
+@dataclass(frozen=True)
+class Run:
+    """Map a log: CARMEN (.log, .clf, also .gz), ROS 1 bag, ROS 2 bag (.mcap, .db3 or folder)."""
+
+    log: LogPath
+    """The log file, or the folder of a ROS 2 bag."""
+    method: MethodName = None
+    """rbpf moves the particles by odometry alone; gmapping matches every scan to every particle's map."""
+    particles: Particles = None
+    """Number of particles, each with a map of its own."""
+    seed: int = 0
+    """Seed of all random numbers, 0 to 4294967295: the same seed gives the same bytes."""
+    relations: File = None
+    """Known relations (t1 t2 x y z roll pitch yaw) to measure the trajectory with."""
+    reference: File = None
+    """Reference trajectory (TUM format, seconds and metres) to measure the ATE against."""
+    config: File = None
+    """Configuration in TOML, as `jaxslam config` prints it; it may name a few settings only."""
+    set: Assignments = ()
+    """Settings by name, such as sensor.sigma_hit=0.1, any number of them; they come last."""
+    lidar: LidarName = None
+    """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01 or lds-02."""
+    map_margin: Margin = None
+    """Room around the odometry's path beyond the lidar's usable range, metres."""
+    scan_topic: Topic = None
+    """Of a bag: topic of the laser scans."""
+    odom_topic: Topic = None
+    """Of a bag: topic of the wheel odometry."""
+    imu_topic: Topic = None
+    """Of a bag: topic of the IMU."""
+    gif: Switch = False
+    """Also write map.gif, the map as it is built."""
+    out: Annotated[
+        Path | None, arg(metavar="DIR", help_behavior_hint="(default: runs/<log>-<method>-s<seed>)")
+    ] = None
+    """Folder for the results; made if it is not there, overwritten file by file if it is."""
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Map a simulated hall and compare the result with the truth: needs no data."""
+
+    out: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: runs/demo-s<seed>)")] = None
+    """Folder for the results; made if it is not there, overwritten file by file if it is."""
+    world: Annotated[str, arg(metavar="NAME")] = "hall_small"
+    """Which world: hall_small (18 × 15 m) or hall_large (24 × 23 m)."""
+    seed: int = 0
+    """Seed of the simulation and of the filter, 0 to 4294967295."""
+    particles: Annotated[str, arg(metavar="N")] = "15"
+    """Number of particles, each with a map of its own."""
+    gif: Switch = False
+    """Also write map.gif, the map as it is built."""
+
+
+@dataclass(frozen=True)
+class Info:
+    """Say what is in a log: counts, rates, beams, ranges, path, gaps."""
+
+    log: LogPath
+    """The log file, or the folder of a ROS 2 bag."""
+    scan_topic: Topic = None
+    """Of a bag: topic of the laser scans."""
+    odom_topic: Topic = None
+    """Of a bag: topic of the wheel odometry."""
+    imu_topic: Topic = None
+    """Of a bag: topic of the IMU."""
+
+
+@dataclass(frozen=True)
+class Config:
+    """Print the configuration as TOML, every setting with its unit: for a file to give to `run --config`."""
+
+    lidar: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: sick)")] = None
+    """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01 or lds-02."""
+    method: MethodName = None
+    """rbpf moves the particles by odometry alone; gmapping matches every scan to every particle's map."""
+    particles: Particles = None
+    """Number of particles, each with a map of its own."""
+    config: File = None
+    """Configuration in TOML to start from."""
+    set: Assignments = ()
+    """Settings by name, such as sensor.sigma_hit=0.1, any number of them; they come last."""
+
+
+Command = (
+    Annotated[Run, subcommand("run")]
+    | Annotated[Demo, subcommand("demo")]
+    | Annotated[Info, subcommand("info")]
+    | Annotated[Config, subcommand("config")]
+)

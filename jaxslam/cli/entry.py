@@ -1,0 +1,64 @@
+"""The entry point: parse, dispatch, and one clear line for everything that went wrong."""
+
+import importlib
+import importlib.metadata
+import sys
+from collections.abc import Sequence
+
+_EXTRA = ("tyro", "matplotlib", "PIL", "rosbags", "ruamel", "tqdm")
+"""What the command needs beyond the library itself, by the names under which it is imported."""
+
+_BAD_INPUT = 2
+_INTERRUPTED = 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the `jaxslam` command.
+
+    Args:
+        arguments: without the program's name; None takes those of the process.
+
+    Returns:
+        The exit code: 0, 2 for a wrong command line or data that cannot be used, 130 if interrupted.
+    """
+    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    # Pipes and old consoles may not have the units' characters: better a mark than no output.
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+    try:
+        return _dispatch(arguments)
+    except KeyboardInterrupt:
+        print("\njaxslam: interrupted", file=sys.stderr)
+        return _INTERRUPTED
+    except ModuleNotFoundError as error:
+        missing = (error.name or "").partition(".")[0]
+        if missing not in _EXTRA:
+            raise
+        return _complain(f"{missing} is not installed: pip install 'jaxslam[cli]'")
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename is not None else ""
+        return _complain(f"{where}{error.strerror or error}")
+    except ValueError as error:
+        return _complain(str(error))
+
+
+def _dispatch(arguments: Sequence[str]) -> int:
+    if list(arguments) in (["--version"], ["-V"]):
+        print(f"jaxslam {importlib.metadata.version('jaxslam')}")
+        return 0
+    from jaxslam.cli.parser import parse
+
+    try:
+        command = parse(arguments or ["--help"])
+    except SystemExit:  # help was asked for and printed
+        return 0
+    # Each command is a module of its own: `--help` and `info` do not wait for JAX.
+    module = importlib.import_module(f"jaxslam.cli.{type(command).__name__.lower()}")
+    module.execute(command, list(arguments))
+    return 0
+
+
+def _complain(message: str) -> int:
+    print(f"jaxslam: error: {' '.join(message.split())}", file=sys.stderr)
+    return _BAD_INPUT

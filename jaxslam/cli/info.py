@@ -1,0 +1,18 @@
+"""`jaxslam info LOG`."""
+
+from jaxslam.cli.arguments import Info
+from jaxslam.io import read_log, summarise
+from jaxslam.presets import detect_lidar
+
+
+def execute(command: Info, arguments: list[str]) -> None:
+    """Prints what is in a log."""
+    log = read_log(
+        command.log,
+        scan_topic=command.scan_topic,
+        odometry_topic=command.odom_topic,
+        imu_topic=command.imu_topic,
+    )
+    print(summarise(log))
+    if log.scans is not None and len(log.scans.stamps):
+        print(f"lidar preset  {detect_lidar(log).name}")

@@ -1,0 +1,95 @@
+"""What `run` and `demo` share: the filter over prepared inputs, warnings, the summary."""
+
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from jaxslam.configuration import Configuration
+from jaxslam.inputs import PreparedInputs
+from jaxslam.run import RunResult, Snapshot, run_log
+from jaxslam.slam.rbpf import RBPF
+from jaxslam.viz.animation import MapFrame, animate_map
+
+_MAX_SEED = 2**32 - 1
+
+
+def check_seed(seed: int) -> None:
+    """Raises a one-line `ValueError` for a seed that is no 32-bit number."""
+    if not 0 <= seed <= _MAX_SEED:
+        raise ValueError(f"--seed is {seed}: give 0 to {_MAX_SEED}")
+
+
+def warn(lines: Iterable[str]) -> None:
+    """Prints warnings, one line each, to stderr."""
+    for line in lines:
+        print(f"jaxslam: warning: {' '.join(line.split())}", file=sys.stderr)
+
+
+def map_log(slam: RBPF, prepared: PreparedInputs, seed: int, *, gif: Path | None) -> RunResult:
+    """Runs a filter, with a progress bar on a terminal, and prints its warnings.
+
+    Args:
+        slam: the filter.
+        prepared: from `prepare_inputs`.
+        seed: of the key.
+        gif: where to write the map as it is built, or None.
+    """
+    frames: list[MapFrame] = []
+
+    def keep(snapshot: Snapshot) -> None:
+        caption = f"{len(snapshot.trajectory)} scans"
+        frames.append(MapFrame(snapshot.log_odds, snapshot.trajectory, snapshot.particles, caption))
+
+    result = run_log(
+        slam,
+        jax.random.key(seed),
+        prepared,
+        progress=sys.stderr.isatty(),
+        on_chunk=keep if gif is not None else None,
+    )
+    if gif is not None:
+        animate_map(gif, frames, result.grid.resolution, result.grid.origin)
+    warn(result.warnings)
+    return result
+
+
+def print_summary(
+    folder: Path,
+    result: RunResult,
+    configuration: Configuration,
+    metrics: Mapping[str, Any],
+    lidar: str,
+) -> None:
+    """Prints what a user wants to know first, on stdout."""
+    height, width = result.log_odds.shape
+    side = float(configuration.map.resolution)
+    count = configuration.num_particles
+    megabytes = count * height * width / 1e6
+    lines = {
+        "lidar": f"{lidar}, usable range {float(configuration.lidar.usable_range):g} m",
+        "maps": f"{count} of {width * side:.1f} × {height * side:.1f} m, {megabytes:.1f} MB",
+        "scans": f"{metrics['scans_processed']} processed of {metrics['scans_in']}",
+        "time": f"{metrics['ms_per_scan']:.2f} ms per scan, compilation {metrics['compile_s']:.1f} s apart",
+    }
+    if relations := metrics.get("relations"):
+        lines["relations"] = (
+            f"{relations['trans_mean_m']:.4f} ± {relations['trans_std_m']:.4f} m, max "
+            f"{relations['trans_max_m']:.3f} m; {relations['rot_mean_deg']:.3f} ± "
+            f"{relations['rot_std_deg']:.3f}° ({relations['n']} relations)"
+        )
+    if ate := metrics.get("ate"):
+        lines["ATE"] = (
+            f"{ate['rmse_m']:.4f} m RMSE, max {ate['max_m']:.3f} m, heading {ate['rot_rmse_deg']:.2f}° "
+            f"({ate['n']} poses)"
+        )
+    if score := metrics.get("map"):
+        lines["map"] = (
+            f"precision {score['precision']:.3f}, recall {score['recall']:.3f}, IoU {score['iou']:.3f} of "
+            f"walls within {score['tolerance_m']:g} m; IoU of free space {score['free_iou']:.3f}"
+        )
+    lines["written"] = f"{folder} (map.png, map.yaml, trajectory.tum, metrics.json, …)"
+    for label, text in lines.items():
+        print(f"{label:<10}{text}")

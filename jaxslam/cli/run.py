@@ -1,0 +1,95 @@
+"""`jaxslam run LOG`."""
+
+import shlex
+
+from jaxslam.cli.arguments import Run
+from jaxslam.cli.effective import effective_configuration
+from jaxslam.cli.mapping import check_seed, map_log, print_summary, warn
+from jaxslam.configuration import build, within_lidar_range
+from jaxslam.inputs import prepare_inputs
+from jaxslam.io import SensorLog, read_log, read_relations, read_tum
+from jaxslam.presets import detect_lidar
+from jaxslam.report import (
+    default_folder,
+    file_sha256,
+    make_folder,
+    reference_error,
+    relation_figures,
+    trajectory_figures,
+    versions,
+    write_run,
+)
+from jaxslam.run import RunResult
+
+
+def execute(command: Run, arguments: list[str]) -> None:
+    """Maps a log and writes its run folder."""
+    check_seed(command.seed)
+    log = _read(command)
+    configuration = effective_configuration(
+        config=command.config,
+        lidar=command.lidar,
+        method=command.method,
+        flags={"num_particles": command.particles, "map.margin": command.map_margin},
+        assignments=command.set,
+        detect=lambda: detect_lidar(log),
+    )
+    log = within_lidar_range(log, configuration.lidar)
+    prepared = prepare_inputs(log, configuration.thinning)
+    # Everything that can be wrong is read before the filter spends its minutes.
+    measure = _measures(command, log)
+    slam = build(configuration, prepared.odometry_bounds)
+    folder = command.out or default_folder(command.log, configuration.method, command.seed)
+    make_folder(folder)
+    result = map_log(slam, prepared, command.seed, gif=folder / "map.gif" if command.gif else None)
+    scans_in = 0 if log.scans is None else len(log.scans.stamps)
+    metrics = write_run(
+        folder,
+        result,
+        configuration,
+        seed=command.seed,
+        scans_in=scans_in,
+        origin={
+            "command": shlex.join(["jaxslam", *arguments]),
+            "log": {"path": str(command.log.resolve()), "sha256": file_sha256(command.log)},
+            "versions": versions(),
+        },
+        accuracy=measure(result),
+    )
+    chosen = "given" if command.lidar or command.config else "chosen by the log's scans"
+    print_summary(folder, result, configuration, metrics, f"{configuration.lidar.name} ({chosen})")
+
+
+def _read(command: Run) -> SensorLog:
+    log = read_log(
+        command.log,
+        scan_topic=command.scan_topic,
+        odometry_topic=command.odom_topic,
+        imu_topic=command.imu_topic,
+    )
+    warn(log.warnings)
+    mounting_told = any("mounting" in line or "mounted" in line for line in log.warnings)
+    if log.scans is not None and not log.scans.mounting_known and not mounting_told:
+        x, y, theta = log.scans.pose_base_lidar
+        warn([f"the log does not say how the lidar is mounted: taken as x {x:g} m, y {y:g} m, {theta:g} rad"])
+    return log
+
+
+def _measures(command: Run, log: SensorLog):
+    """A function from the result to its errors, with the files read already."""
+    relations = read_relations(command.relations) if command.relations is not None else None
+    reference = read_tum(command.reference) if command.reference is not None else None
+
+    def measure(result: RunResult) -> dict[str, object]:
+        assert log.odometry is not None  # `prepare_inputs` has looked
+        errors: dict[str, object] = {}
+        if relations is not None:
+            errors["relations"] = relation_figures(
+                result.all_stamps, result.all_poses, log.odometry, relations
+            )
+        if reference is not None:
+            error = reference_error(*reference, result.all_stamps, result.all_poses, log.odometry)
+            errors["ate"] = trajectory_figures(error)
+        return errors
+
+    return measure

@@ -1,0 +1,160 @@
+"""The run folder: maps, trajectory, figures and the configuration that made them."""
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float32, Int8
+
+from jaxslam import toml
+from jaxslam.configuration import Configuration
+from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT
+from jaxslam.io import write_map, write_tum
+from jaxslam.report.provenance import peak_rss_mb
+from jaxslam.run import RunResult
+from jaxslam.settings import flatten
+from jaxslam.viz.picture import MapLayer, save_map_picture
+
+_LOG_SUFFIXES = (".gz", ".log", ".clf", ".carmen", ".bag", ".mcap", ".db3")
+
+
+def default_folder(log: Path, method: str, seed: int) -> Path:
+    """`runs/<log>-<method>-s<seed>`.
+
+    Example:
+        `default_folder(Path("data/intel.clf.gz"), "gmapping", 0)` is `runs/intel-gmapping-s0`.
+    """
+    name = log.resolve().name
+    while name.endswith(_LOG_SUFFIXES):
+        name = name[: name.rindex(".")]
+    return Path("runs") / f"{name or 'log'}-{method}-s{seed}"
+
+
+def make_folder(folder: Path) -> None:
+    """Makes a run folder, or takes one that is there: its files will be overwritten one by one.
+
+    Raises:
+        ValueError: it is a file.
+        OSError: it cannot be made.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder}: is a file: give a folder with --out")
+    folder.mkdir(parents=True, exist_ok=True)
+
+
+def write_run(
+    folder: Path,
+    result: RunResult,
+    configuration: Configuration,
+    *,
+    seed: int,
+    scans_in: int,
+    origin: Mapping[str, object],
+    accuracy: Mapping[str, object],
+    truth: MapLayer | None = None,
+) -> dict[str, object]:
+    """Writes everything a run leaves behind into a folder that is there.
+
+    Args:
+        folder: where to.
+        result: of `run_log`.
+        configuration: what made it.
+        seed: of its key.
+        scans_in: scans in the log.
+        origin: goes into `run.json`: command, log, versions.
+        accuracy: goes into `metrics.json`: errors by metric.
+        truth: the known map and path in the same frame, drawn beside the estimate.
+
+    Returns:
+        What stands in `metrics.json`.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    metrics = {**_figures(result, scans_in), **accuracy}
+    _write_map_files(folder, result, configuration, truth)
+    write_tum(folder / "trajectory.tum", result.all_stamps, result.all_poses)
+    _save_ess_picture(folder / "ess.png", result, configuration)
+    toml.save(folder / "config.toml", configuration)
+    run = {
+        "method": configuration.method,
+        "lidar": configuration.lidar.name,
+        "seed": seed,
+        **origin,
+        "configuration": flatten(configuration),
+    }
+    write_json(folder / "run.json", run)
+    write_json(folder / "metrics.json", metrics)
+    return metrics
+
+
+def write_json(path: Path, content: Mapping[str, object]) -> None:
+    """Writes strict JSON: a number that is not finite becomes null."""
+    text = json.dumps(_strict(content), indent=2, allow_nan=False, ensure_ascii=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def occupancy_probability(log_odds: Int8[np.ndarray, "H W"]) -> Float32[np.ndarray, "H W"]:
+    """Probability `[H, W]` of log-odds in fixed point; NaN where nothing was seen."""
+    probability = 1 / (1 + np.exp(-LOG_ODDS_PER_UNIT * log_odds.astype(np.float32)))
+    return np.where(log_odds == 0, np.float32(np.nan), probability.astype(np.float32))
+
+
+def _figures(result: RunResult, scans_in: int) -> dict[str, object]:
+    return {
+        "scans_in": scans_in,
+        "scans_processed": len(result.stamps),
+        "compile_s": result.compile_s,
+        "run_s": result.run_s,
+        "ms_per_scan": result.ms_per_scan,
+        "peak_rss_mb": peak_rss_mb(),
+        "resamplings": int(np.count_nonzero(result.resampled)),
+        "ess_mean": float(np.mean(result.ess)),
+    }
+
+
+def _write_map_files(
+    folder: Path, result: RunResult, configuration: Configuration, truth: MapLayer | None
+) -> None:
+    # The device has 0.05 as 0.0500000007; the files say what was asked for.
+    resolution = float(configuration.map.resolution)
+    x, y = (round(float(value), 6) for value in result.grid.origin)
+    write_map(folder / "map.yaml", occupancy_probability(result.log_odds), resolution, (x, y, 0.0))
+    save_map_picture(
+        folder / "map.png",
+        result.log_odds,
+        resolution,
+        np.array([x, y]),
+        poses=result.all_poses,
+        particles=result.particles,
+        weights=np.exp(result.log_weights.astype(np.float64)),
+        truth=truth,
+    )
+
+
+def _save_ess_picture(path: Path, result: RunResult, configuration: Configuration) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    from jaxslam.viz.curves import plot_ess
+
+    figure = Figure(figsize=(8.0, 3.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    plot_ess(
+        result.ess,
+        configuration.num_particles,
+        result.resampled,
+        figure.subplots(),
+        threshold=float(configuration.resampling.threshold),
+    )
+    figure.savefig(path, dpi=150)
+
+
+def _strict(value: object) -> object:
+    if isinstance(value, Mapping):
+        return {str(key): _strict(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_strict(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,254 @@
+"""Running a filter over a log: jitted steps in chunks, progress between them, flags turned into errors."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Float32, Float64, Int, Int8, PRNGKeyArray
+
+from jaxslam.flags import Flag
+from jaxslam.grid.spec import GridSpec
+from jaxslam.inputs import PreparedInputs
+from jaxslam.io.poses import compose_poses, relative_poses
+from jaxslam.slam.rbpf import RBPF, RBPFState, StepInfo
+from jaxslam.types import StepInputs
+
+CHUNK = 64
+"""Scans between two looks of the host: often enough for a progress bar, rarely enough to cost nothing."""
+
+
+class SlamError(ValueError):
+    """A run that cannot go on. The message is one line: what is wrong, when, what to do."""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The best particle during a run, for those who watch.
+
+    Attributes:
+        log_odds: `[H, W]` its map so far.
+        trajectory: `[t, 3]` its poses so far.
+        particles: `[N, 3]` all particles now.
+    """
+
+    log_odds: Int8[np.ndarray, "H W"]
+    trajectory: Float64[np.ndarray, "t 3"]
+    particles: Float64[np.ndarray, "N 3"]
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """What a run leaves behind.
+
+    Attributes:
+        stamps: `[T]` seconds, processed scans.
+        trajectory: `[T, 3]` poses of the best particle at them (m, m, rad).
+        all_stamps: `[S]` seconds, every scan.
+        all_poses: `[S, 3]` pose at every scan: the last processed one's, then odometry.
+        log_odds: `[H, W]` map of the best particle, fixed point.
+        grid: where that map lies.
+        particles: `[N, 3]` final poses.
+        log_weights: `[N]` final, normalised.
+        ess: `[T]` effective sample size before resampling.
+        resampled: `[T]` where it was resampled.
+        flags: `[T]` `jaxslam.flags.Flag` bits.
+        compile_s: seconds spent compiling.
+        run_s: seconds spent running, compilation apart.
+        ms_per_scan: `run_s` per processed scan, milliseconds.
+        warnings: one line each.
+    """
+
+    stamps: Float64[np.ndarray, "T"]
+    trajectory: Float64[np.ndarray, "T 3"]
+    all_stamps: Float64[np.ndarray, "S"]
+    all_poses: Float64[np.ndarray, "S 3"]
+    log_odds: Int8[np.ndarray, "H W"]
+    grid: GridSpec
+    particles: Float64[np.ndarray, "N 3"]
+    log_weights: Float32[np.ndarray, "N"]
+    ess: Float32[np.ndarray, "T"]
+    resampled: Bool[np.ndarray, "T"]
+    flags: Int[np.ndarray, "T"]
+    compile_s: float
+    run_s: float
+    ms_per_scan: float
+    warnings: tuple[str, ...]
+
+
+def run(
+    slam: RBPF, key: PRNGKeyArray, pose0: Float[Array, "3"], inputs: StepInputs
+) -> tuple[RBPFState, StepInfo]:
+    """The whole log as one `lax.scan`: jit it, vmap it over keys or over the floats of `slam`.
+
+    Args:
+        slam: the filter.
+        key: PRNG key; step `t` uses `fold_in(key, t)`.
+        pose0: `[3]` start pose (m, m, rad, world frame).
+        inputs: leaves stacked over time, `[T, ...]`.
+
+    Returns:
+        The final state and the infos `[T, ...]`; `trajectory(infos, argmax(log_weights))` reads a path back.
+    """
+
+    def step(state: RBPFState, inputs: StepInputs) -> tuple[RBPFState, StepInfo]:
+        return slam.step(jax.random.fold_in(key, state.num_steps), state, inputs)
+
+    return jax.lax.scan(step, slam.init(key, pose0), inputs)
+
+
+def run_log(
+    slam: RBPF,
+    key: PRNGKeyArray,
+    prepared: PreparedInputs,
+    *,
+    progress: bool = False,
+    on_chunk: Callable[[Snapshot], None] | None = None,
+) -> RunResult:
+    """Runs a filter over a prepared log on the host: same result as `run`, in chunks.
+
+    Args:
+        slam: the filter, its map sized for this log.
+        key: PRNG key; same key, same bytes.
+        prepared: from `prepare_inputs`.
+        progress: show a progress bar on stderr (needs tqdm).
+        on_chunk: called with the state of affairs every `CHUNK` scans.
+
+    Raises:
+        SlamError: if the robot leaves the map.
+    """
+    total = len(prepared.stamps)
+    inputs, infos = _padded(prepared.inputs, total), []
+    pose0 = jnp.asarray(prepared.pose0, jnp.float32)
+    state = jax.jit(RBPF.init)(slam, key, pose0)
+    started = time.perf_counter()
+    advance = _advance.lower(slam, key, state, inputs, 0, 1).compile()
+    compile_s = time.perf_counter() - started
+    run_s, bar = 0.0, _progress_bar(total) if progress else None
+    for first in range(0, total, CHUNK):
+        count = min(CHUNK, total - first)
+        started = time.perf_counter()
+        state, chunk = jax.block_until_ready(advance(slam, key, state, inputs, first, count))
+        run_s += time.perf_counter() - started
+        infos.append(jax.tree.map(lambda leaf, count=count: np.asarray(leaf)[:count], chunk))
+        _raise_for_flags(infos[-1], first, prepared)
+        if bar is not None:
+            bar.set_postfix(ess=f"{infos[-1].ess.mean():.1f}", ms=f"{1e3 * run_s / (first + count):.2f}")
+            bar.update(count)
+        if on_chunk is not None:
+            on_chunk(_snapshot(state, infos))
+    if bar is not None:
+        bar.close()
+    return _result(slam, state, infos, prepared, compile_s, run_s)
+
+
+@partial(jax.jit, donate_argnums=(2,))
+def _advance(
+    slam: RBPF,
+    key: PRNGKeyArray,
+    state: RBPFState,
+    inputs: StepInputs,
+    first: Int[Array, ""] | int,
+    count: Int[Array, ""] | int,
+) -> tuple[RBPFState, StepInfo]:
+    """`count` ≤ CHUNK steps from `first`: the length is traced, so the last chunk needs no second compilation."""
+
+    def at(index: Int[Array, ""]) -> StepInputs:
+        return jax.tree.map(lambda leaf: leaf[index], inputs)
+
+    def step(index: Int[Array, ""], carry: tuple[RBPFState, StepInfo]) -> tuple[RBPFState, StepInfo]:
+        state, infos = carry
+        state, info = slam.step(jax.random.fold_in(key, state.num_steps), state, at(first + index))
+        return state, jax.tree.map(lambda rows, row: rows.at[index].set(row), infos, info)
+
+    shapes = jax.eval_shape(lambda: slam.step(key, state, at(jnp.zeros((), jnp.int32))))[1]
+    infos = jax.tree.map(lambda leaf: jnp.zeros((CHUNK, *leaf.shape), leaf.dtype), shapes)
+    return jax.lax.fori_loop(0, count, step, (state, infos))
+
+
+def _padded(inputs: StepInputs, total: int) -> StepInputs:
+    """Inputs lengthened to a power of two, so that logs of similar length share one compilation."""
+    size = 1 << max(total - 1, 1).bit_length()
+    return jax.tree.map(lambda leaf: jnp.pad(leaf, [(0, size - total)] + [(0, 0)] * (leaf.ndim - 1)), inputs)
+
+
+def _raise_for_flags(infos: StepInfo, first: int, prepared: PreparedInputs) -> None:
+    off_map = np.flatnonzero(infos.flags & Flag.OFF_MAP.value)
+    if off_map.size:
+        stamp = prepared.stamps[first + off_map[0]]
+        raise SlamError(
+            f"the robot reached the edge of the map at scan {prepared.scan_index[first + off_map[0]]} "
+            f"(t = {stamp:.3f} s): enlarge it with --map-margin (metres around the odometry's path)"
+        )
+
+
+def _snapshot(state: RBPFState, infos: list[StepInfo]) -> Snapshot:
+    best = int(np.argmax(state.log_weights))
+    return Snapshot(
+        log_odds=np.asarray(state.maps[best]),
+        trajectory=_read_back(infos, best),
+        particles=np.asarray(state.poses, np.float64),
+    )
+
+
+def _read_back(infos: list[StepInfo], best: int) -> Float64[np.ndarray, "t 3"]:
+    ancestors = np.concatenate([info.ancestors for info in infos])
+    poses = np.concatenate([info.poses for info in infos])
+    path, slot = np.empty((len(poses), 3)), best
+    for step in range(len(poses) - 1, -1, -1):
+        slot = ancestors[step, slot]
+        path[step] = poses[step, slot]
+    return path
+
+
+def _result(
+    slam: RBPF,
+    state: RBPFState,
+    infos: list[StepInfo],
+    prepared: PreparedInputs,
+    compile_s: float,
+    run_s: float,
+) -> RunResult:
+    snapshot = _snapshot(state, infos)
+    flags = np.concatenate([info.flags for info in infos])
+    last = np.searchsorted(prepared.scan_index, prepared.all_index, side="right") - 1
+    processed = np.searchsorted(prepared.all_index, prepared.scan_index)
+    since = relative_poses(prepared.all_odometry[processed][last], prepared.all_odometry)
+    return RunResult(
+        stamps=prepared.stamps,
+        trajectory=snapshot.trajectory,
+        all_stamps=prepared.all_stamps,
+        all_poses=compose_poses(snapshot.trajectory[last], since),
+        log_odds=snapshot.log_odds,
+        grid=slam.grid,
+        particles=snapshot.particles,
+        log_weights=np.asarray(state.log_weights),
+        ess=np.concatenate([info.ess for info in infos]),
+        resampled=np.concatenate([info.resampled for info in infos]),
+        flags=flags,
+        compile_s=compile_s,
+        run_s=run_s,
+        ms_per_scan=1e3 * run_s / len(flags),
+        warnings=_warnings(flags),
+    )
+
+
+def _warnings(flags: Int[np.ndarray, "T"]) -> tuple[str, ...]:
+    messages = {
+        Flag.NONFINITE_WEIGHT: "particles with a NaN or infinite weight were dropped",
+        Flag.NONFINITE_POSE: "particles with a NaN or infinite pose were put back to the odometry",
+        Flag.FEW_VALID_BEAMS: "scans had too few returns, so odometry alone moved the particles",
+    }
+    counts = {flag: int(np.count_nonzero(flags & flag.value)) for flag in messages}
+    return tuple(
+        f"{counts[flag]} of {len(flags)} steps: {messages[flag]}" for flag in messages if counts[flag]
+    )
+
+
+def _progress_bar(total: int):
+    from tqdm import tqdm
+
+    return tqdm(total=total, unit="scan", desc="mapping", dynamic_ncols=True)

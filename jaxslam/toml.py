@@ -1,0 +1,88 @@
+"""Configurations as TOML files that explain themselves."""
+
+import json
+import textwrap
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+
+from jaxslam.configuration import Configuration
+from jaxslam.settings import KIND, Scalar, descriptions, flatten, update
+
+
+def dumps(configuration: Configuration) -> str:
+    """Every setting as TOML text, each under a comment with its meaning and unit."""
+    meanings = descriptions(configuration)
+    lines: list[str] = []
+    table = ""
+    for name, value in flatten(configuration).items():
+        parent, _, key = name.rpartition(".")
+        if parent != table:
+            table = parent
+            lines += ["", f"[{table}]"]
+        # What is static is of no concern to who writes the file.
+        meaning = meanings[name].replace(" (static)", "").replace("(static, ", "(")
+        lines += textwrap.wrap(meaning, 100, initial_indent="# ", subsequent_indent="# ")
+        lines.append(f"{key} = {_literal(value)}")
+    return "\n".join(lines) + "\n"
+
+
+def save(path: str | Path, configuration: Configuration) -> None:
+    """Writes a configuration; `load` gives the same one back.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    Path(path).write_text(dumps(configuration), encoding="utf-8")
+
+
+def read_settings(path: str | Path) -> dict[str, object]:
+    """The values of a TOML file by dotted name, not yet checked against any configuration.
+
+    Raises:
+        ValueError: the file is not TOML; one line that says where.
+        OSError: the file cannot be read.
+    """
+    try:
+        tables = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except UnicodeDecodeError:
+        raise ValueError(
+            f"{path}: not a text file: give a TOML file, as `jaxslam config` prints it"
+        ) from None
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{path}: not valid TOML: {error}") from None
+    return dict(_named(tables, ""))
+
+
+def load(path: str | Path, base: Configuration | None = None) -> Configuration:
+    """Reads a configuration; what the file does not name is taken from `base` (None: the defaults).
+
+    Raises:
+        ValueError: the file is not TOML, or a name or value in it is wrong; one line.
+        OSError: the file cannot be read.
+    """
+    return apply(path, read_settings(path), Configuration() if base is None else base)
+
+
+def apply(path: str | Path, values: Mapping[str, object], base: Configuration) -> Configuration:
+    """`base` with the values that were read from a file; the file's name leads every complaint."""
+    try:
+        return update(base, values, exact=True)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _named(table: Mapping[str, object], prefix: str) -> list[tuple[str, object]]:
+    found: list[tuple[str, object]] = []
+    for key, value in table.items():
+        name = prefix + key
+        found += _named(value, name + ".") if isinstance(value, Mapping) else [(name, value)]
+    # Tables come in any order; what is chosen stands before what is set in it.
+    return sorted(found, key=lambda item: not item[0].endswith(KIND))
+
+
+def _literal(value: Scalar) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    # A JSON string without surrogates is a TOML basic string.
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)

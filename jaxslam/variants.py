@@ -1,0 +1,59 @@
+"""The choices a configuration has, by name. A new proposal, model or scheme is one more line here."""
+
+import equinox as eqx
+
+from jaxslam.motion import AbstractMotionModel, GaussianMotion, OdometryMotion, VelocityMotion
+from jaxslam.proposal.base import AbstractProposal
+from jaxslam.proposal.matched import MatchedProposal
+from jaxslam.proposal.motion import MotionProposal
+from jaxslam.resampling import (
+    AbstractResampler,
+    MultinomialResampler,
+    ResidualResampler,
+    StratifiedResampler,
+    SystematicResampler,
+)
+from jaxslam.sensor.base import AbstractSensorModel
+from jaxslam.sensor.likelihood_field import LikelihoodField
+
+VARIANTS: dict[type[eqx.Module], dict[str, type[eqx.Module]]] = {
+    AbstractMotionModel: {
+        "odometry": OdometryMotion,
+        "velocity": VelocityMotion,
+        "gaussian": GaussianMotion,
+    },
+    AbstractSensorModel: {
+        "likelihood_field": LikelihoodField,
+    },
+    AbstractProposal: {
+        "motion": MotionProposal,
+        "matched": MatchedProposal,
+    },
+    AbstractResampler: {
+        "systematic": SystematicResampler,
+        "stratified": StratifiedResampler,
+        "residual": ResidualResampler,
+        "multinomial": MultinomialResampler,
+    },
+}
+"""Classes by name, by the abstract class that they implement. All must be made without arguments."""
+
+
+def choices(part: object) -> dict[str, type[eqx.Module]]:
+    """What could stand in the place of `part`, by name; empty where there is no choice."""
+    for base, named in VARIANTS.items():
+        if isinstance(part, base):
+            return named
+    return {}
+
+
+def kind(part: object) -> str:
+    """The registered name of the class of `part`.
+
+    Raises:
+        ValueError: its class is not registered.
+    """
+    for name, variant in choices(part).items():
+        if type(part) is variant:
+            return name
+    raise ValueError(f"{type(part).__name__} is not registered: add it to jaxslam.variants.VARIANTS")

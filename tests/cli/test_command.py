@@ -1,0 +1,314 @@
+"""The `jaxslam` command, in this process: a small simulated log, and every kind of bad input."""
+
+import gzip
+import json
+import math
+import subprocess
+import sys
+
+import jax
+import numpy as np
+import pytest
+
+from jaxslam.cli import main
+from jaxslam.io import read_log, read_map, read_tum, write_tum
+from jaxslam.report import default_folder, file_sha256, poses_at
+from jaxslam.sim import hall_small, lds_01, simulate, to_log
+
+METRICS = {
+    "scans_in",
+    "scans_processed",
+    "compile_s",
+    "run_s",
+    "ms_per_scan",
+    "peak_rss_mb",
+    "resamplings",
+    "ess_mean",
+}
+
+
+def carmen_lines() -> list[str]:
+    """12 s of a drive past machines with a 181-beam lidar of 3.5 m, as CARMEN messages."""
+    world, waypoints = hall_small()
+    log = to_log(
+        simulate(jax.random.key(0), world, waypoints, lidar=lds_01(), duration=12.0), start_stamp=100.0
+    )
+    assert log.scans is not None
+    assert log.odometry is not None
+    lines = []
+    poses = poses_at(log.scans.stamps, log.odometry.stamps, log.odometry.poses, log.odometry)
+    for stamp, ranges, pose in zip(log.scans.stamps, log.scans.ranges, poses, strict=True):
+        # The forward half circle of the full one.
+        half = np.concatenate([ranges[270:], ranges[:91]])
+        beams = " ".join(f"{reading:.3f}" for reading in np.where(np.isfinite(half), half, 9.0))
+        x, y, theta = pose
+        place = f"{x:.4f} {y:.4f} {theta:.5f}"
+        lines.append(f"FLASER {len(half)} {beams} {place} {place} {stamp:.4f} host {stamp:.4f}")
+    return lines
+
+
+@pytest.fixture(scope="session")
+def log_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("log") / "hall.clf.gz"
+    with gzip.open(path, "wt", encoding="ascii") as stream:
+        stream.write("PARAM robot_frontlaser_offset 0.0\n" + "\n".join(carmen_lines()) + "\n")
+    return path
+
+
+SMALL = ["--set", "map.resolution=0.1", "usable_range=3.0", "--map-margin", "2", "--particles", "3"]
+
+
+@pytest.fixture(scope="session")
+def run_folder(log_file, tmp_path_factory):
+    """One whole run, with relations, reference and GIF; the other tests look at what it left."""
+    folder = tmp_path_factory.mktemp("runs")
+    log = read_log(log_file)
+    assert log.scans is not None
+    assert log.odometry is not None
+    # Half-way between scans the reference is the odometry itself, so the errors must come out small.
+    times = (log.scans.stamps[:-1] + log.scans.stamps[1:]) / 2
+    write_tum(
+        folder / "reference.tum",
+        times,
+        poses_at(times, log.odometry.stamps, log.odometry.poses, log.odometry),
+    )
+    t1, t2 = log.scans.stamps[[2, 40]]
+    (folder / "a.relations").write_text(f"{t1} {t2} 5 0 0 0 0 0\n", encoding="ascii")
+    code = main(
+        [
+            *("run", str(log_file), "--out", str(folder / "out"), "--seed", "3", "--gif", *SMALL),
+            *("--relations", str(folder / "a.relations"), "--reference", str(folder / "reference.tum")),
+        ]
+    )
+    assert code == 0
+    return folder / "out"
+
+
+def test_run_folder_is_complete(run_folder):
+    names = {path.name for path in run_folder.iterdir()}
+    assert names == {
+        *("map.pgm", "map.yaml", "map.png", "map.gif", "trajectory.tum"),
+        *("run.json", "metrics.json", "config.toml", "ess.png"),
+    }
+
+
+def test_metrics_have_exactly_their_keys(run_folder):
+    def refuse(name):
+        raise AssertionError(f"{name} is not JSON")
+
+    metrics = json.loads((run_folder / "metrics.json").read_text(), parse_constant=refuse)
+    assert set(metrics) == METRICS | {"relations", "ate"}
+    keys = {"n", "trans_mean_m", "trans_std_m", "trans_max_m", "rot_mean_deg", "rot_std_deg"}
+    assert set(metrics["relations"]) == keys
+    assert set(metrics["ate"]) == {"rmse_m", "max_m", "rot_rmse_deg", "n"}
+    assert metrics["relations"]["n"] == 1
+    assert metrics["scans_in"] == 60
+    # Every gap between two scans has one reference pose.
+    assert metrics["ate"]["n"] == 59
+    # 12 s of slightly wrong odometry and a matched map agree within two cells of 0.1 m.
+    assert metrics["ate"]["rmse_m"] < 0.2
+    assert 1 < metrics["scans_processed"] < 60
+
+
+def test_trajectory_has_every_scan(run_folder, log_file):
+    stamps, poses = read_tum(run_folder / "trajectory.tum")
+    scans = read_log(log_file).scans
+    assert scans is not None
+    np.testing.assert_allclose(stamps, scans.stamps, atol=1e-6)
+    assert np.isfinite(poses).all()
+
+
+def test_map_loads_and_shows_free_space_and_walls(run_folder):
+    occupancy = read_map(run_folder / "map.yaml")
+    assert occupancy.resolution == 0.1
+    # The robot drives along an aisle: it frees some 3 m × 10 m, which is 3000 cells of 0.1 m.
+    assert occupancy.free.sum() > 1000
+    assert occupancy.occupied.sum() > 50
+
+
+def test_run_json_says_how_to_repeat_it(run_folder, log_file):
+    run = json.loads((run_folder / "run.json").read_text())
+    assert (run["method"], run["seed"]) == ("gmapping", 3)
+    assert run["configuration"]["num_particles"] == 3
+    assert run["configuration"]["lidar.usable_range"] == 3.0
+    assert run["log"]["sha256"] == file_sha256(log_file)
+    assert {"jaxslam", "jax", "python", "platform"} <= set(run["versions"])
+    assert "--seed 3" in run["command"]
+
+
+def test_written_configuration_repeats_the_run(run_folder, log_file, tmp_path):
+    config = str(run_folder / "config.toml")
+    assert main(["run", str(log_file), "--config", config, "--seed", "3", "--out", str(tmp_path)]) == 0
+    for name in ("trajectory.tum", "map.pgm", "config.toml"):
+        assert (tmp_path / name).read_bytes() == (run_folder / name).read_bytes(), name
+
+
+def one_line(capsys) -> str:
+    captured = capsys.readouterr()
+    assert "Traceback" not in captured.err
+    lines = captured.err.splitlines()
+    errors = [line for line in lines if line.startswith("jaxslam: error: ")]
+    assert len(errors) == 1
+    assert all(line.startswith("jaxslam: ") for line in lines)
+    assert lines[-1] == errors[0]
+    return errors[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--particles", "0"], "num_particles is 0: give 1 or more"),
+        (["--particles=-2"], "num_particles is -2: give 1 or more"),
+        (["--particles", "many"], "num_particles is 'many': give a whole number"),
+        (["--set", "sigma_hitt=1"], "did you mean 'sensor.sigma_hit'"),
+        (["--set", "sigma_hit=0.1", "--set", "sigma_hit=0.2"], "given 2 times"),
+        (["--set", "sigma_hit"], "sigma_hit"),
+        (["--method", "gmaping"], "did you mean 'gmapping'"),
+        (["--lidar", "sik"], "did you mean 'sick'"),
+        (["--map-margin", "nan"], "map.margin is nan: give a finite number"),
+        (["--map-margin", "1e7"], "lower num_particles or"),
+        (["--seed", "x"], "--seed"),
+        (["--seed", "4294967296"], "--seed is 4294967296: give 0 to 4294967295"),
+        (["--scan-topic", "/scan"], "a CARMEN log has no topics"),
+        (["--relations", "missing"], "missing: no such file"),
+        (["--reference", "missing"], "missing: no such file"),
+        (["--config", "missing"], "missing: No such file"),
+        (["--partciles", "3"], "--partciles"),
+    ],
+)
+def test_bad_flags(arguments, message, log_file, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", str(log_file), *arguments]) == 2
+    assert message in one_line(capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+def _no_scans(lines):
+    return "\n".join(f"ODOM {i} 0 0 0 0 0 {i}.0 h {i}.0" for i in range(9))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "no such file"),
+        (b"", ""),
+        (_no_scans(None).encode(), "no laser scans"),
+        (gzip.compress(_no_scans(None).encode() * 50)[:60], ""),
+        (b"\x00\x01\x02 nothing known", ""),
+    ],
+    ids=["missing", "empty", "no scans", "truncated gzip", "garbage"],
+)
+@pytest.mark.parametrize("command", ["run", "info"])
+def test_bad_logs(command, content, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "bad.clf"
+    if content is not None:
+        path.write_bytes(content)
+    code = main([command, str(path)])
+    if command == "info" and message == "no laser scans":
+        assert code == 0  # there is something to tell
+        return
+    assert code == 2
+    line = one_line(capsys)
+    assert message in line
+    assert "bad.clf" in line
+
+
+def test_no_odometry(capsys, tmp_path, monkeypatch, data_dir):
+    monkeypatch.chdir(tmp_path)
+    log = data_dir / "calibration" / "turtlebot3_wall_1.0m.mcap"
+    assert main(["run", str(log)]) == 2
+    captured = capsys.readouterr().err.splitlines()
+    assert "no odometry" in captured[-1]
+    # Its mounting is not known either, and that is said once.
+    assert len([line for line in captured if "warning" in line and "mounting" in line]) == 1
+
+
+def test_unknown_topic_names_the_nearest(capsys, data_dir):
+    log = data_dir / "bags" / "turtlebot3_drive.mcap"
+    assert main(["run", str(log), "--scan-topic", "/scam"]) == 2
+    assert "did you mean '/scan'" in one_line(capsys)
+
+
+def test_robot_off_the_map_names_the_flag(log_file, capsys, tmp_path):
+    arguments = ["run", str(log_file), "--out", str(tmp_path), *SMALL[:3], "--map-margin", "0"]
+    assert main([*arguments, "--particles", "3"]) == 2
+    assert "--map-margin" in one_line(capsys)
+
+
+def test_out_that_is_a_file(log_file, capsys):
+    assert main(["run", str(log_file), "--out", str(log_file)]) == 2
+    assert "is a file" in one_line(capsys)
+
+
+def test_interrupt(monkeypatch, capsys, log_file):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("jaxslam.cli.run.execute", interrupt)
+    assert main(["run", str(log_file)]) == 130
+    assert capsys.readouterr().err.strip() == "jaxslam: interrupted"
+
+
+@pytest.mark.parametrize("module", ["tyro", "matplotlib"])
+def test_missing_extra(module, monkeypatch, capsys):
+    def missing(*_):
+        raise ModuleNotFoundError(f"No module named '{module}'", name=module)
+
+    monkeypatch.setattr("jaxslam.cli.entry._dispatch", missing)
+    assert main(["run", "x"]) == 2
+    assert "pip install 'jaxslam[cli]'" in one_line(capsys)
+
+
+def test_config_prints_what_it_was_told(capsys):
+    assert (
+        main(["config", "--lidar", "lds-01", "--method", "rbpf", "--set", "sigma_hit=0.3", "margin=4"]) == 0
+    )
+    printed = capsys.readouterr().out
+    assert 'name = "lds-01"' in printed
+    assert 'kind = "motion"' in printed
+    assert "sigma_hit = 0.3" in printed
+    assert "margin = 4.0" in printed
+
+
+def test_set_may_be_repeated(capsys):
+    assert main(["config", "--set", "sigma_hit=0.3", "--set", "margin=4"]) == 0
+    printed = capsys.readouterr().out
+    assert "sigma_hit = 0.3" in printed
+    assert "margin = 4.0" in printed
+
+
+def test_info(log_file, capsys):
+    assert main(["info", str(log_file)]) == 0
+    printed = capsys.readouterr().out
+    assert "60 scans" in printed
+    assert "lidar preset" in printed
+
+
+def test_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("jaxslam ")
+
+
+def test_help_does_not_wait_for_what_it_does_not_need():
+    script = (
+        "import sys; from jaxslam.cli import main; code = main(['run', '--help']); "
+        "assert not {'matplotlib', 'rosbags', 'tqdm'} & set(sys.modules), 'heavy import'; sys.exit(code)"
+    )
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    assert "--map-margin" in result.stdout
+
+
+def test_default_folder():
+    from pathlib import Path
+
+    assert default_folder(Path("d/intel.clf.gz"), "gmapping", 0) == Path("runs/intel-gmapping-s0")
+    assert default_folder(Path("d/a.b.mcap"), "rbpf", 7) == Path("runs/a.b-rbpf-s7")
+
+
+def test_strict_json(tmp_path):
+    from jaxslam.report.folder import write_json
+
+    write_json(tmp_path / "a.json", {"a": math.nan, "b": [1.5, -math.inf], "c": {"d": None}})
+    assert json.loads((tmp_path / "a.json").read_text()) == {"a": None, "b": [1.5, None], "c": {"d": None}}

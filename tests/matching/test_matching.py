@@ -1,0 +1,167 @@
+"""Matchers recover known offsets in a simulated room; the prior holds what the scan leaves open."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxslam.lidar import ScanPoints
+from jaxslam.matching import CorrelativeSearch, GaussNewton, PosePrior
+from jaxslam.sensor import field_of_map
+
+RESOLUTION = 0.1
+ANGLES = np.deg2rad(np.arange(0, 360, 9))
+TRUE_POSE = np.array([0.4, -0.3, 0.2])
+# Half sides (x, y) of a room, and a box in it: lower and upper corner.
+ROOM, BOX = np.array([3.0, 2.0]), np.array([[1.2, 0.4], [1.9, 1.1]])
+
+match = jax.jit(GaussNewton.match)
+search = jax.jit(CorrelativeSearch.search)
+
+
+def ranges(pose, half_sides=ROOM, box=BOX):
+    """Exact ranges from inside the room, in NumPy: the nearest wall or the box's nearer face."""
+    direction = np.stack([np.cos(pose[2] + ANGLES), np.sin(pose[2] + ANGLES)], axis=-1)
+    direction = np.where(np.abs(direction) < 1e-9, 1e-9, direction)
+    to_walls = ((half_sides - np.sign(direction) * pose[:2]) / np.abs(direction)).min(axis=1)
+    sides = np.sort(np.stack([(corner - pose[:2]) / direction for corner in box]), axis=0)
+    enter, leave = sides[0].max(axis=1), sides[1].min(axis=1)
+    return np.where((enter < leave) & (enter > 0), np.minimum(enter, to_walls), to_walls)
+
+
+def ends_of(reach, valid=None) -> ScanPoints:
+    points = reach[:, None] * np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=-1)
+    valid = np.ones(len(ANGLES), bool) if valid is None else valid
+    return ScanPoints(jnp.asarray(points * valid[:, None], jnp.float32), jnp.asarray(valid))
+
+
+@functools.cache
+def room_field(walls="all"):
+    """The walls drawn into 0.1 m cells, whose centres lie on them."""
+    occupied = np.zeros((61, 81), bool)
+
+    def cell(x, y):
+        return round((y + 3.0) / RESOLUTION), round((x + 4.0) / RESOLUTION)
+
+    if walls == "none":
+        return prepare(occupied)
+    (low, left), (high, right) = cell(-3, -2), cell(3, 2)
+    occupied[[low, high], left : right + 1] = True
+    if walls == "all":
+        occupied[low : high + 1, [left, right]] = True
+        (low, left), (high, right) = cell(*BOX[0]), cell(*BOX[1])
+        occupied[[low, high], left : right + 1] = occupied[low : high + 1, [left, right]] = True
+    else:
+        occupied[[low, high], :] = True
+    return prepare(occupied)
+
+
+def prepare(occupied):
+    corner = jnp.asarray([-4.05, -3.05], jnp.float32)
+    return jax.jit(field_of_map, static_argnums=3)(jnp.asarray(occupied), corner, jnp.float32(RESOLUTION), 6)
+
+
+def prior_of(mean, precision=(0.0, 0.0, 0.0)) -> PosePrior:
+    return PosePrior(jnp.asarray(mean, jnp.float32), jnp.diag(jnp.asarray(precision, jnp.float32)))
+
+
+def assert_near(found, expected, metres=0.02, radians=0.01):
+    error = np.asarray(found, float) - expected
+    assert np.hypot(*error[:2]) < metres
+    assert abs((error[2] + np.pi) % (2 * np.pi) - np.pi) < radians
+
+
+# The basin on the fine field: two cells and some 6°.
+@pytest.mark.parametrize(
+    "offset", [(0.2, 0, 0), (-0.2, 0, 0), (0, 0.2, 0), (0, -0.2, 0), (0, 0, 0.1), (0.12, -0.12, -0.08)]
+)
+def test_gauss_newton_recovers_small_offsets(offset):
+    start = TRUE_POSE + offset
+    matcher = GaussNewton(sigma_cells=2.0, num_iterations=15)
+    found = match(
+        matcher,
+        room_field().fine,
+        ends_of(ranges(TRUE_POSE)),
+        jnp.asarray(start, jnp.float32),
+        prior_of(start),
+    )
+    assert_near(found, TRUE_POSE)
+
+
+# The basin on the coarse field, whose cells are four times as large; it is left to the fine one to be exact.
+@pytest.mark.parametrize("offset", [(0.5, 0, 0), (0, -0.5, 0), (0, 0, 0.25), (0.3, 0.3, -0.15)])
+def test_coarse_to_fine_recovers_larger_offsets(offset):
+    start, ends = TRUE_POSE + offset, ends_of(ranges(TRUE_POSE))
+    prior = prior_of(start)
+    near = match(
+        GaussNewton(sigma_cells=1.5, num_iterations=15), room_field().coarse, ends,
+        jnp.asarray(start, jnp.float32), prior,
+    )  # fmt: skip
+    found = match(GaussNewton(sigma_cells=2.0, num_iterations=15), room_field().fine, ends, near, prior)
+    assert_near(found, TRUE_POSE)
+
+
+@pytest.mark.parametrize("offset", [(1.0, 0, 0.5), (-0.7, 0.7, -0.5), (0, -1.0, 0.5236)])
+def test_search_recovers_a_metre_and_thirty_degrees(offset):
+    start, ends = jnp.asarray(TRUE_POSE + offset, jnp.float32), ends_of(ranges(TRUE_POSE))
+    searcher = CorrelativeSearch(
+        reach=1.2, reach_rotation=0.6, num_translations=13, num_rotations=25, num_beams=40
+    )
+    found = search(searcher, room_field(), ends, start, prior_of(start))
+    # The coarse level may prefer a lattice point beside the best one, 0.2 m and 50 mrad away; the matcher,
+    # which always follows, has that in its basin.
+    assert_near(found, TRUE_POSE, metres=0.2, radians=0.05)
+    refined = match(
+        GaussNewton(sigma_cells=2.0, num_iterations=15), room_field().fine, ends, found, prior_of(found)
+    )
+    assert_near(refined, TRUE_POSE)
+
+
+def test_search_stays_where_the_prior_is_sure():
+    start, ends = jnp.asarray(TRUE_POSE + np.array([1.0, 0.0, 0.5]), jnp.float32), ends_of(ranges(TRUE_POSE))
+    found = search(CorrelativeSearch(), room_field(), ends, start, prior_of(start, (1e6, 1e6, 1e6)))
+    np.testing.assert_allclose(found, start, atol=1e-6)
+
+
+def test_prior_keeps_the_axis_of_a_corridor():
+    """Beams that only see the long walls: the scan settles y and heading, and the prior alone x."""
+    reach = ranges(TRUE_POSE, np.array([1e3, 2.0]), np.array([[50.0, 50.0], [51.0, 51.0]]))
+    ends = ends_of(np.where(reach < 4.0, reach, 0.0), reach < 4.0)
+    start = TRUE_POSE + np.array([0.15, 0.12, 0.05])
+    matcher = GaussNewton(sigma_cells=2.0, num_iterations=15)
+    found = match(
+        matcher, room_field("corridor").fine, ends, jnp.asarray(start, jnp.float32),
+        prior_of(start, (10.0, 0.0, 0.0)),
+    )  # fmt: skip
+    assert_near(found, [start[0], *TRUE_POSE[1:]], metres=0.02)
+
+
+def test_an_empty_map_returns_the_prior():
+    start = jnp.asarray([0.1, 0.2, 0.3], jnp.float32)
+    mean = jnp.asarray([0.2, 0.1, 0.25], jnp.float32)
+    ends = ends_of(ranges(TRUE_POSE))
+    found = match(GaussNewton(), room_field("none").fine, ends, start, prior_of(mean, (100.0, 100.0, 100.0)))
+    # The damping of 1e-3 against a precision of 100.
+    np.testing.assert_allclose(found, mean, atol=1e-4)
+    # Without a prior either, it stays.
+    still = match(GaussNewton(), room_field("none").fine, ends, start, prior_of(start))
+    np.testing.assert_allclose(still, start, atol=1e-6)
+    stayed = search(CorrelativeSearch(), room_field("none"), ends, start, prior_of(start, (1.0, 1.0, 1.0)))
+    np.testing.assert_allclose(stayed, start, atol=1e-6)
+
+
+def test_headings_are_taken_the_short_way_round():
+    start, mean = jnp.asarray([0.0, 0.0, 3.1], jnp.float32), [0.0, 0.0, -3.1]
+    ends = ends_of(ranges(TRUE_POSE))
+    found = match(GaussNewton(), room_field("none").fine, ends, start, prior_of(mean, (9.0, 9.0, 9.0)))
+    np.testing.assert_allclose(found, mean, atol=1e-3)
+    assert -np.pi <= float(found[2]) < np.pi
+
+
+def test_beams_without_return_pull_nothing():
+    blind = ends_of(ranges(TRUE_POSE), np.zeros(len(ANGLES), bool))
+    start = jnp.asarray([0.9, 0.9, 0.1], jnp.float32)
+    found = match(GaussNewton(), room_field().fine, blind, start, prior_of(start))
+    np.testing.assert_allclose(found, start, atol=1e-6)

@@ -1,0 +1,140 @@
+"""What every proposal must do, over a registry of all of them."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxslam.proposal
+from jaxslam import se2
+from jaxslam.flags import Flag
+from jaxslam.motion import OdometryMotion
+from jaxslam.proposal import AbstractProposal, MatchedProposal, MotionProposal
+from jaxslam.sensor import LikelihoodField, field_of_map
+from jaxslam.types import LidarScan, OdometryIncrement, StepInputs
+
+NUM_BEAMS = 36
+PROPOSALS = {"motion": MotionProposal(), "matched": MatchedProposal(max_beams=NUM_BEAMS)}
+every_proposal = pytest.mark.parametrize("proposal", PROPOSALS.values(), ids=PROPOSALS.keys())
+POSE = jnp.asarray([0.2, -0.3, 0.4], jnp.float32)
+DELTA = jnp.asarray([0.3, 0.0, 0.1], jnp.float32)
+TRUTH = np.asarray(se2.compose(POSE, DELTA), np.float64)
+MOTION, SENSOR = OdometryMotion(), LikelihoodField(sigma_hit=0.05, beam_weight=0.5, max_beams=NUM_BEAMS)
+
+
+def make_field():
+    """A room from (−2.5, −1.5) to (2.5, 1.5), in 0.1 m cells whose centres lie on the walls."""
+    occupied = np.zeros((41, 61), bool)
+    occupied[[5, 35], 5:56] = occupied[5:36, [5, 55]] = True
+    corner = jnp.asarray([-3.05, -2.05], jnp.float32)
+    return jax.jit(field_of_map, static_argnums=3)(jnp.asarray(occupied), corner, jnp.float32(0.1), 6)
+
+
+FIELD = make_field()
+
+
+def inputs_of(valid=True) -> StepInputs:
+    angles = 2 * np.pi / NUM_BEAMS * np.arange(NUM_BEAMS)
+    direction = np.stack([np.cos(TRUTH[2] + angles), np.sin(TRUTH[2] + angles)], axis=-1)
+    ranges = ((np.array([2.5, 1.5]) - np.sign(direction) * TRUTH[:2]) / np.abs(direction)).min(axis=1)
+    return StepInputs(
+        OdometryIncrement(DELTA, jnp.zeros((3, 3)), jnp.float32(0.5)),
+        LidarScan(
+            jnp.asarray(ranges * valid, jnp.float32),
+            jnp.full(NUM_BEAMS, valid),
+            jnp.float32(0.0),
+            jnp.float32(2 * np.pi / NUM_BEAMS),
+            jnp.zeros(3, jnp.float32),
+        ),
+    )
+
+
+@jax.jit
+def sample(proposal, key, pose, inputs):
+    return proposal.sample(key, pose, inputs, FIELD, MOTION, SENSOR)
+
+
+@jax.jit
+def sample_many(proposal, keys, poses, inputs):
+    draw = jax.vmap(proposal.sample, (0, 0, None, None, None, None))
+    return draw(keys, poses, inputs, FIELD, MOTION, SENSOR)
+
+
+def test_every_proposal_is_registered():
+    public = {getattr(jaxslam.proposal, name) for name in jaxslam.proposal.__all__}
+    proposals = {p for p in public if issubclass(p, AbstractProposal)} - {AbstractProposal}
+    assert proposals == {type(p) for p in PROPOSALS.values()} == set(AbstractProposal.__subclasses__())
+
+
+@every_proposal
+def test_outputs_are_strongly_typed(proposal):
+    proposed = jax.eval_shape(sample, proposal, jax.random.key(0), POSE, inputs_of())
+    assert [(leaf.shape, leaf.dtype, leaf.weak_type) for leaf in jax.tree.leaves(proposed)] == [
+        ((3,), jnp.float32, False),
+        ((), jnp.float32, False),
+        ((), jnp.int32, False),
+    ]
+
+
+@every_proposal
+def test_jit_and_vmap_change_nothing(proposal):
+    keys, poses = jax.random.split(jax.random.key(1), 3), jnp.tile(POSE[None], (3, 1))
+    together = sample_many(proposal, keys, poses, inputs_of())
+    for index, key in enumerate(keys):
+        alone = sample(proposal, key, POSE, inputs_of())
+        np.testing.assert_allclose(together.pose[index], alone.pose, atol=1e-3)
+        assert int(together.flags[index]) == int(alone.flags)
+    plain = proposal.sample(keys[0], POSE, inputs_of(), FIELD, MOTION, SENSOR)
+    np.testing.assert_allclose(plain.pose, together.pose[0], atol=1e-3)
+
+
+@every_proposal
+def test_new_parameter_values_do_not_recompile(proposal):
+    traces = 0
+
+    @jax.jit
+    def run(proposal, motion, sensor, key):
+        nonlocal traces
+        traces += 1
+        return proposal.sample(key, POSE, inputs_of(), FIELD, motion, sensor)
+
+    run(proposal, MOTION, SENSOR, jax.random.key(0))
+    run(*jax.tree.map(lambda value: value * 1.1, (proposal, MOTION, SENSOR)), jax.random.key(1))
+    assert traces == 1
+
+
+@every_proposal
+def test_draws_lie_around_the_truth_and_differ(proposal):
+    keys, poses = jax.random.split(jax.random.key(2), 16), jnp.tile(POSE[None], (16, 1))
+    proposed = sample_many(proposal, keys, poses, inputs_of())
+    assert np.abs(np.asarray(proposed.pose).mean(axis=0) - TRUTH).max() < 0.06
+    assert len({row.tobytes() for row in np.asarray(proposed.pose)}) == 16
+    assert np.isfinite(proposed.log_ratio).all()
+    assert not np.asarray(proposed.flags).any()
+
+
+def test_matching_brings_the_draws_together_at_the_truth():
+    keys, poses = jax.random.split(jax.random.key(3), 16), jnp.tile(POSE[None], (16, 1))
+    drawn, matched = (
+        np.asarray(sample_many(PROPOSALS[name], keys, poses, inputs_of()).pose) for name in PROPOSALS
+    )
+    # Half a cell is what matching may leave: the prior still pulls towards each draw.
+    assert np.abs(matched - TRUTH).max() < 0.05
+    assert (matched.std(axis=0) < drawn.std(axis=0)).all()
+
+
+@every_proposal
+def test_a_blind_scan_leaves_the_motion_models_draw(proposal):
+    key = jax.random.key(4)
+    proposed = sample(proposal, key, POSE, inputs_of(valid=False))
+    drawn = MOTION.sample(key, POSE, inputs_of().odometry)
+    np.testing.assert_allclose(proposed.pose, drawn, atol=1e-6)
+    few = Flag.FEW_VALID_BEAMS if isinstance(proposal, MatchedProposal) else 0
+    assert int(proposed.flags) == few
+
+
+def test_a_lost_particle_searches_and_says_so():
+    lost = POSE + jnp.asarray([0.7, 0.5, 0.35], jnp.float32)
+    matched = MatchedProposal(max_beams=NUM_BEAMS, lost_below=1.1)
+    proposed = sample(matched, jax.random.key(5), lost, inputs_of())
+    assert int(proposed.flags) == Flag.SEARCHED

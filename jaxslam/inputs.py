@@ -73,8 +73,8 @@ def prepare_inputs(
     )
     if not within.any():
         raise LogError(
-            f"{log.path}: scans (from {scans.stamps[0]:.3f} s) and odometry (from {odometry.stamps[0]:.3f} s) "
-            "do not overlap in time: their clocks differ"
+            f"{log.path}: scans (from {scans.stamps[0]:.3f} s) and odometry (from "
+            f"{odometry.stamps[0]:.3f} s) do not overlap in time: their clocks differ"
         )
     candidates = np.flatnonzero(within)
     poses = interpolate_poses(odometry.stamps, odometry.poses, scans.stamps[candidates])

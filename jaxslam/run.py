@@ -154,7 +154,10 @@ def _advance(
     first: Int[Array, ""] | int,
     count: Int[Array, ""] | int,
 ) -> tuple[RBPFState, StepInfo]:
-    """`count` ≤ CHUNK steps from `first`: the length is traced, so the last chunk needs no second compilation."""
+    """`count` ≤ CHUNK steps from `first`.
+
+    The length is traced, so the last chunk needs no second compilation.
+    """
 
     def at(index: Int[Array, ""]) -> StepInputs:
         return jax.tree.map(lambda leaf: leaf[index], inputs)

@@ -49,7 +49,10 @@ def inverse(pose_a_b: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
 def relative(
     pose_a_b: Float[Array, "*batch 3"], pose_a_c: Float[Array, "*batch 3"]
 ) -> Float[Array, "*batch 3"]:
-    """Pose of `c` in `b`, both given in `a` (`c ⊖ b`): `compose(b, relative(b, c))` is `c`."""
+    """Pose of `c` in `b`, both given in `a` (`c ⊖ b`).
+
+    The inverse of composition: `compose(b, relative(b, c))` is `c`.
+    """
     position = rotate(-pose_a_b[..., 2], pose_a_c[..., :2] - pose_a_b[..., :2])
     heading = wrap(pose_a_c[..., 2] - pose_a_b[..., 2])
     return jnp.concatenate([position, heading[..., None]], axis=-1)

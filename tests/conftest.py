@@ -10,9 +10,10 @@ from jaxtyping import install_import_hook
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
-# Every annotated function of the library checks its shapes and types while the tests run.
-with install_import_hook("jaxslam", "beartype.beartype"):
-    import jaxslam  # noqa: F401
+# Every annotated function of the library checks its shapes and types while the tests run: the hook stays, so
+# that modules which `import jaxslam` does not load (viz, cli, run) are checked as well.
+# An int is good for a float, as everywhere in Python's typing (PEP 484, the numeric tower).
+install_import_hook("jaxslam", "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
 
 
 @pytest.fixture(scope="session")

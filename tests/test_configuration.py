@@ -141,7 +141,7 @@ def test_methods():
         ({"marign": 5.0}, "did you mean 'map.margin'"),
         (
             {"sigma_cells": 1.0},
-            "could be proposal.coarse.sigma_cells, proposal.fine.sigma_cells, proposal.search.sigma_cells",
+            "could be proposal.coarse.sigma_cells, proposal.*, proposal.search.sigma_cells",
         ),
         ({"sigma_hit": 1.0, "sensor.sigma_hit": 2.0}, "sensor.sigma_hit is given twice"),
         ({"num_particles": 0}, "num_particles is 0: give 1 or more"),

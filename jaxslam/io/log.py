@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64, Float32, Int
+from jaxtyping import Float32, Float64, Int
 
 
 class LogError(ValueError):

@@ -139,7 +139,7 @@ def read_map(path: str | Path) -> OccupancyMap:
     mode = entries.get("mode", "trinary")
     if mode not in _MODES:
         raise MapError(f"{path}: mode is {mode!r}: expected one of {', '.join(_MODES)}")
-    negate = bool(_number(path, entries, "negate", default=0))
+    negate = bool(_number(path, entries, "negate", default=0.0))
     if not isinstance(entries["image"], str) or not entries["image"]:
         raise MapError(f"{path}: image is {entries['image']!r}: expected the name of a file")
     image = read_image(path.parent / entries["image"])

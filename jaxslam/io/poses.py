@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float64
 
 
-def wrap_angle(angle: Float64[np.ndarray, "*batch"]) -> Float64[np.ndarray, "*batch"]:
-    """Wraps angles in radians into [−π, π)."""
+def wrap_angle(angle: Float64[np.ndarray, "*batch"] | float) -> Float64[np.ndarray, "*batch"]:
+    """Wraps angles in radians, an array or one number, into [−π, π)."""
     wrapped = np.asarray(np.mod(angle + np.pi, 2 * np.pi) - np.pi)
     # Rounding can carry a tiny negative angle to exactly +π; the interval is half-open.
     return np.where(wrapped >= np.pi, -np.pi, wrapped)

@@ -22,6 +22,7 @@ class CorrelativeSearch(eqx.Module):
         reach_rotation: half the searched angle, radians.
         sigma_cells: σ, cells of the level that is searched.
         beam_score: what one beam on an obstacle is worth against the prior, nats.
+        unseen_score: what one in space not yet seen is worth, as a share of that.
         num_translations: lattice points along x and y on the coarse level (static, odd).
         num_rotations: headings on the coarse level (static, odd).
         num_beams: beams looked at on the coarse level (static).
@@ -34,6 +35,7 @@ class CorrelativeSearch(eqx.Module):
     reach_rotation: float | Float[Array, ""] = 0.6
     sigma_cells: float | Float[Array, ""] = 1.5
     beam_score: float | Float[Array, ""] = 0.2
+    unseen_score: float | Float[Array, ""] = 0.6
     num_translations: int = eqx.field(static=True, default=13)
     num_rotations: int = eqx.field(static=True, default=25)
     num_beams: int = eqx.field(static=True, default=60)
@@ -71,9 +73,11 @@ class CorrelativeSearch(eqx.Module):
             poses = centre[None] + offsets
 
             def score(pose: Float[Array, "3"]) -> Float[Array, ""]:
-                squared = level.squared_distance(se2.apply(pose, ends.points)) / level.resolution**2
-                hits = jnp.where(ends.valid, jnp.exp(-0.5 * squared / self.sigma_cells**2), 0.0)
-                return share * self.beam_score * jnp.sum(hits) + prior.log_prob(pose)
+                squared, unseen = level.look_up(se2.apply(pose, ends.points))
+                on_map = jnp.exp(-0.5 * squared / (self.sigma_cells * level.resolution) ** 2)
+                scores = jnp.where(unseen, self.unseen_score, on_map)
+                total = jnp.sum(jnp.where(ends.valid, scores, 0.0))
+                return share * self.beam_score * total + prior.log_prob(pose)
 
             scores = jax.vmap(score)(poses)
             return jnp.max(scores), poses[jnp.argmax(scores)]

@@ -15,7 +15,12 @@ DAMPING = 1e-3
 
 
 class PosePrior(eqx.Module):
-    """A Gaussian over the pose: `mean` `[3]` (m, m, rad, world) and `precision` `[3, 3]`, its inverse covariance."""
+    """A Gaussian over the pose.
+
+    Attributes:
+        mean: `[3]` (m, m, rad, world frame).
+        precision: `[3, 3]` its inverse covariance.
+    """
 
     mean: Float[Array, "3"]
     precision: Float[Array, "3 3"]
@@ -27,7 +32,9 @@ class PosePrior(eqx.Module):
 
 
 class GaussNewton(eqx.Module):
-    r"""Minimises $\sum_k (1 - M(x \oplus c_k))^2 / s^2$ plus the prior's quadratic, M = exp(−d²/2σ²) interpolated.
+    r"""Minimises $\sum_k (1 - M(x \oplus c_k))^2 / s^2$ plus the prior's quadratic.
+
+    M = exp(−d²/2σ²) is interpolated between cells.
 
     Attributes:
         sigma_cells: σ, width of the basin, cells of the field it runs on.

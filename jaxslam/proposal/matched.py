@@ -30,7 +30,8 @@ class MatchedProposal(AbstractProposal):
         search: wider search, run where fewer than `lost_below` of the beams meet the map.
         prior_translation: what the motion model's precision in position counts for in the match.
         prior_rotation: and its precision in heading.
-        lost_below: share of valid beams near an obstacle under which the match is not trusted.
+        lost_below: share of valid beams near an obstacle, or where the map knows nothing, under which the
+            match is not trusted.
         min_valid_beams: with fewer the pose is the motion model's draw.
         max_beams: beams used for matching, evenly spread over the scan (static).
 
@@ -79,10 +80,10 @@ class MatchedProposal(AbstractProposal):
             found = self.search.search(field, ends, drawn, prior)
             return _best(score, best, refine(coarse), refine(found))
 
-        squared = field.fine.squared_distance(se2.apply(matched, ends.points))
-        near_obstacle = squared < (field.fine.radius * field.fine.resolution) ** 2
+        squared, unseen = field.fine.look_up(se2.apply(matched, ends.points))
+        explained = unseen | (squared < (field.fine.radius * field.fine.resolution) ** 2)
         num_valid = jnp.sum(ends.valid, dtype=jnp.float32)
-        share = jnp.sum(ends.valid & near_obstacle, dtype=jnp.float32) / jnp.maximum(num_valid, 1.0)
+        share = jnp.sum(ends.valid & explained, dtype=jnp.float32) / jnp.maximum(num_valid, 1.0)
         enough = num_valid >= self.min_valid_beams
         lost = enough & (share < self.lost_below)
         matched = run_if(lost, search, matched)

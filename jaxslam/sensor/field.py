@@ -18,7 +18,8 @@ class DistanceField(eqx.Module):
 
     Attributes:
         pairs: `[height · width]` squared cells, at most `radius² + 1`: a cell's own in the low byte and its
-            right neighbour's in the high one, so that interpolation takes two look-ups and not four.
+            right neighbour's in the high one, so that interpolation takes two look-ups and not four. The
+            highest bit of each byte tells that nobody has seen the cell yet.
         origin: `[2]` world position of the lower-left corner, metres.
         resolution: side of a cell, metres.
         height: rows (static).
@@ -35,16 +36,23 @@ class DistanceField(eqx.Module):
 
     def squared_distance(self, points: Float[Array, "B 2"]) -> Float[Array, "B"]:
         """Squared distance in m² from the cells that hold the points; truncated off the field."""
+        return self.look_up(points)[0]
+
+    def look_up(self, points: Float[Array, "B 2"]) -> tuple[Float[Array, "B"], Bool[Array, "B"]]:
+        """Squared distance in m² at the points, and which lie in space not yet seen, off any obstacle."""
         scale = 1.0 / self.resolution
         column = jnp.floor((points[:, 0] - self.origin[0]) * scale).astype(jnp.int32)
         row = jnp.floor((points[:, 1] - self.origin[1]) * scale).astype(jnp.int32)
         side = self.radius
         inside = (column >= side) & (column < self.width - side) & (row >= 0) & (row < self.height)
-        index = jnp.where(inside, row * self.width + column, 0)
-        found = self._look_up(index) & jnp.uint16(0xFF)
-        far = self.radius * self.radius + 1.0
-        squared_cells = jnp.where(inside, found.astype(jnp.float32), far)
-        return squared_cells * self.resolution * self.resolution
+        found = self._look_up(jnp.where(inside, row * self.width + column, 0))
+        squared_cells = jnp.where(inside, (found & jnp.uint16(0x7F)).astype(jnp.float32), self._far)
+        unseen = inside & ((found & jnp.uint16(0x80)) > 0) & (squared_cells >= self._far)
+        return squared_cells * self.resolution * self.resolution, unseen
+
+    @property
+    def _far(self) -> float:
+        return self.radius * self.radius + 1.0
 
     def corners(
         self, x: Float[Array, "B"], y: Float[Array, "B"]
@@ -61,8 +69,8 @@ class DistanceField(eqx.Module):
         left, low = column.astype(jnp.int32), row.astype(jnp.int32)
         index = low * self.width + left
         lower, upper = self._look_up(index), self._look_up(index + self.width)
-        mask, shift = jnp.uint16(0xFF), jnp.uint16(8)
-        values = (lower & mask, lower >> shift, upper & mask, upper >> shift)
+        mask, shift = jnp.uint16(0x7F), jnp.uint16(8)
+        values = (lower & mask, (lower >> shift) & mask, upper & mask, (upper >> shift) & mask)
         along, up = column - left.astype(jnp.float32), row - low.astype(jnp.float32)
         return tuple(value.astype(jnp.float32) for value in values), along, up
 
@@ -92,18 +100,27 @@ def prepare_field(
     origin: Float[Array, "2"],
     resolution: Float[Array, ""],
     radius: int,
+    unseen: Bool[Array, "rows size"] | None = None,
 ) -> Field:
-    """Distance fields of a window of `window_rows` rows whose lower-left corner is at `origin`."""
+    """Distance fields of a window of `window_rows` rows whose lower-left corner is at `origin`.
+
+    `unseen` are the cells about which nothing is known; None where the map is complete.
+    """
     rows, size = occupied.shape
     margin = margin_rows(radius)
     height = rows - 2 * margin
     fine = squared_distance_flat(occupied, radius)
     coarse = _coarsen(fine.reshape(height, size), radius)
+    if unseen is None:
+        unseen = jnp.zeros_like(occupied)
+    unseen = unseen[margin : rows - margin]
+    half = COARSE_FACTOR // 2
+    coarse_unseen = unseen[half::COARSE_FACTOR, half::COARSE_FACTOR]
     origin = origin + jnp.asarray([0.0, margin], jnp.float32) * resolution
     return Field(
-        fine=DistanceField(_pairs(fine), origin, resolution, height, size, radius),
+        fine=DistanceField(_pairs(fine, unseen), origin, resolution, height, size, radius),
         coarse=DistanceField(
-            _pairs(coarse),
+            _pairs(coarse, coarse_unseen),
             origin,
             resolution * COARSE_FACTOR,
             height // COARSE_FACTOR,
@@ -124,11 +141,15 @@ def _coarsen(fine: UInt8[Array, "H W"], radius: int) -> UInt8[Array, "cells"]:
     return squared_distance_flat(jnp.pad(seeds, ((margin_rows(COARSE_RADIUS),) * 2, (0, 0))), COARSE_RADIUS)
 
 
-def _pairs(squared: UInt8[Array, "cells"]) -> UInt16[Array, "cells"]:
-    """Each cell with its right neighbour; the last cell of a row gets the next row's first, which no point uses."""
+def _pairs(squared: UInt8[Array, "cells"], unseen: Bool[Array, "H W"]) -> UInt16[Array, "cells"]:
+    """Each cell with its right neighbour.
 
-    def pack(squared: UInt8[Array, "cells"]) -> UInt16[Array, "cells"]:
-        right = jnp.pad(squared[1:], (0, 1))
-        return squared.astype(jnp.uint16) | (right.astype(jnp.uint16) << jnp.uint16(8))
+    The last cell of a row gets the next row's first, which no point uses.
+    """
 
-    return computed_once(pack, squared)
+    def pack(cells: tuple[UInt8[Array, "cells"], Bool[Array, "H W"]]) -> UInt16[Array, "cells"]:
+        squared, unseen = cells
+        marked = squared.astype(jnp.uint16) | (unseen.reshape(-1).astype(jnp.uint16) << jnp.uint16(7))
+        return marked | (jnp.pad(marked[1:], (0, 1)) << jnp.uint16(8))
+
+    return computed_once(pack, (squared, unseen))

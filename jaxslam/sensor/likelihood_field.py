@@ -18,6 +18,8 @@ class LikelihoodField(AbstractSensorModel):
         sigma_hit: spread of end points around obstacles, metres.
         z_hit: weight of the beams that saw the map.
         z_rand: weight of those that saw something else.
+        z_unseen: density of a beam that ends where the map knows nothing yet, as a share of the best: at
+            the average of a beam on a good match, new ground speaks neither for a pose nor against it.
         beam_weight: β, what one beam counts for against independent ones: neighbouring beams see the
             same wall, and the error of a map is common to them.
         max_beams: beams that are scored, evenly spread over the scan (static).
@@ -29,14 +31,14 @@ class LikelihoodField(AbstractSensorModel):
     sigma_hit: float | Float[Array, ""] = 0.1
     z_hit: float | Float[Array, ""] = 0.95
     z_rand: float | Float[Array, ""] = 0.05
+    z_unseen: float | Float[Array, ""] = 0.5
     beam_weight: float | Float[Array, ""] = 0.05
     max_beams: int = eqx.field(static=True, default=180)
 
     def log_prob(self, field: Field, scan: LidarScan, pose: Float[Array, "3"]) -> Float[Array, ""]:
         """Scalar, natural log; 0 is the best there is (every beam on an obstacle)."""
         ends = scan_points(scan, self.max_beams)
-        squared = field.fine.squared_distance(se2.apply(pose, ends.points))
+        squared, unseen = field.fine.look_up(se2.apply(pose, ends.points))
         density = self.z_hit * jnp.exp(-0.5 * squared / self.sigma_hit**2) + self.z_rand
-        log_density = jnp.log(density / (self.z_hit + self.z_rand))
-        # A scan of fewer beams than `max_beams` counts as much as one of more.
-        return self.beam_weight * jnp.sum(jnp.where(ends.valid, log_density, 0.0))
+        density = jnp.where(unseen, self.z_unseen, density / (self.z_hit + self.z_rand))
+        return self.beam_weight * jnp.sum(jnp.where(ends.valid, jnp.log(density), 0.0))

@@ -153,10 +153,10 @@ class RBPF(eqx.Module):
             return window_start(self.grid, lidar[:2], shape)[0]
 
         starts = jax.vmap(start)(state.poses)
-        occupied = is_occupied(self.occupancy, read_windows(state.maps, starts, shape))
+        windows = read_windows(state.maps, starts, shape)
         origins = jax.vmap(window_origin, (None, 0))(self.grid, starts)
-        return jax.vmap(prepare_field, (0, 0, None, None))(
-            occupied, origins, self.grid.resolution, self.radius
+        return jax.vmap(prepare_field, (0, 0, None, None, 0))(
+            is_occupied(self.occupancy, windows), origins, self.grid.resolution, self.radius, windows == 0
         )
 
     def _propose(self, key: PRNGKeyArray, state: RBPFState, inputs: StepInputs, fields: Field) -> Proposed:

@@ -1,9 +1,10 @@
 """Pictures in the plane: the map and what lies on it."""
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Array, Float, Shaped, UInt8
 from matplotlib.axes import Axes
-from matplotlib.backend_bases import RendererBase
 from matplotlib.collections import LineCollection
 from matplotlib.image import AxesImage
 from matplotlib.patches import Ellipse
@@ -33,8 +34,8 @@ class MapImage(AxesImage):
         self._ramp = grey_ramp()
         self._set_pixels(levels)
 
-    def draw(self, renderer: RendererBase) -> None:
-        """Draws at the resolution of the renderer."""
+    def draw(self, renderer: Any) -> None:
+        """Draws at the resolution of the renderer; that of vector formats is no `RendererBase`."""
         left, right, bottom, top = self.get_extent()
         corners = self.axes.transData.transform([[left, bottom], [right, top]])
         # Vector formats draw at 72 dpi and embed images magnified by this.

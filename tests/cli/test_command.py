@@ -231,7 +231,17 @@ def test_unknown_topic_names_the_nearest(capsys, data_dir):
 
 
 def test_robot_off_the_map_names_the_flag(log_file, capsys, tmp_path):
-    arguments = ["run", str(log_file), "--out", str(tmp_path), *SMALL[:3], "--map-margin", "0"]
+    arguments = [
+        "run",
+        str(log_file),
+        "--out",
+        str(tmp_path),
+        *SMALL[:3],
+        "--map-margin",
+        "0",
+        "--method",
+        "rbpf",
+    ]
     assert main([*arguments, "--particles", "3"]) == 2
     assert "--map-margin" in one_line(capsys)
 

@@ -24,7 +24,7 @@ def test_log_prob_is_the_normal_density():
     model, delta = GaussianMotion(2.0, 0.01, 0.02), np.array([0.4, -0.1, 0.3])
     total = 2.0 * COVARIANCE + np.diag([0.01, 0.01, 0.02]) ** 2
     poses = np.random.default_rng(0).multivariate_normal(delta, total, 20)
-    log_prob = jax.vmap(model.log_prob, in_axes=(0, None, None))
+    log_prob = jax.jit(jax.vmap(model.log_prob, in_axes=(0, None, None)))
     found = log_prob(jnp.asarray(poses, jnp.float32), ORIGIN, odometry_of(delta, COVARIANCE))
     expected = scipy.stats.multivariate_normal(delta, total).logpdf(poses)
     np.testing.assert_allclose(found, expected, atol=1e-3)

@@ -139,11 +139,10 @@ def test_density_integrates_to_one_and_predicts_the_histogram(name, increment):
 def test_density_penalises_what_the_samples_do_not_reach(name):
     odometry = odometry_of(INCREMENTS["forward"])
     far = jnp.array([[5.0, 0.0, 0.0], [0.0, 5.0, 0.0], [0.0, 0.0, 3.0]], jnp.float32)
-    near = jnp.zeros((1, 3), jnp.float32)
-    at_far = log_prob_of_errors(MODELS[name], far, odometry)
-    at_near = log_prob_of_errors(MODELS[name], near, odometry)
+    errors = jnp.concatenate([jnp.zeros((1, 3), jnp.float32), far])
+    at_near, *at_far = np.asarray(log_prob_of_errors(MODELS[name], errors, odometry))
     assert np.isfinite(at_far).all()
-    assert (np.asarray(at_far) < float(at_near[0]) - 100.0).all()
+    assert (np.array(at_far) < at_near - 100.0).all()
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -166,11 +165,13 @@ def test_jit_and_vmap_change_nothing(name):
         pose_next = model.sample(key, pose, odometry)
         return pose_next, model.log_prob(pose_next, pose, odometry)
 
-    one_by_one = [jax.jit(step)(model, k, p) for k, p in zip(keys, poses, strict=True)]
+    jitted = jax.jit(step)
+    one_by_one = [jitted(model, k, p) for k, p in zip(keys, poses, strict=True)]
     poses_next, log_probs = jax.jit(jax.vmap(step, in_axes=(None, 0, 0)))(model, keys, poses)
-    not_jitted = step(model, keys[0], poses[0])
+    # Without jit each operation compiles by itself: the cheapest model stands for all.
+    not_jitted = [step(model, keys[0], poses[0])] if name == "gaussian" else []
     # Poses of size 4 carry 2.4e-7 m of rounding, against deviations of 5 mm and more.
-    for i, (pose_next, log_prob) in enumerate([*one_by_one, not_jitted]):
+    for i, (pose_next, log_prob) in enumerate([*one_by_one, *not_jitted]):
         np.testing.assert_allclose(poses_next[i % 3], pose_next, atol=1e-6)
         np.testing.assert_allclose(log_probs[i % 3], log_prob, atol=1e-3)
 
@@ -216,8 +217,8 @@ def test_new_parameter_values_do_not_recompile(name):
 def test_a_sweep_over_a_parameter_can_be_vmapped(name):
     odometry, model = odometry_of(INCREMENTS["still"]), MODELS[name]
     floors = jnp.array([0.01, 0.02], jnp.float32)
-    sweep = jax.vmap(
-        lambda floor: eqx.tree_at(lambda m: m.rotation_floor, model, floor).covariance(odometry)
+    sweep = jax.jit(
+        jax.vmap(lambda floor: eqx.tree_at(lambda m: m.rotation_floor, model, floor).covariance(odometry))
     )(floors)
     increase = float(sweep[1, 2, 2] - sweep[0, 2, 2])
     assert increase == pytest.approx(0.02**2 - 0.01**2, rel=1e-3)

@@ -50,8 +50,12 @@ def inputs_of(valid=True) -> StepInputs:
 
 
 @jax.jit
+def jitted_sample(proposal, key, pose, inputs, motion, sensor):
+    return proposal.sample(key, pose, inputs, FIELD, motion, sensor)
+
+
 def sample(proposal, key, pose, inputs):
-    return proposal.sample(key, pose, inputs, FIELD, MOTION, SENSOR)
+    return jitted_sample(proposal, key, pose, inputs, MOTION, SENSOR)
 
 
 @jax.jit
@@ -84,23 +88,19 @@ def test_jit_and_vmap_change_nothing(proposal):
         alone = sample(proposal, key, POSE, inputs_of())
         np.testing.assert_allclose(together.pose[index], alone.pose, atol=1e-3)
         assert int(together.flags[index]) == int(alone.flags)
-    plain = proposal.sample(keys[0], POSE, inputs_of(), FIELD, MOTION, SENSOR)
-    np.testing.assert_allclose(plain.pose, together.pose[0], atol=1e-3)
+    # Without jit each operation compiles by itself, 40 s for the matcher, whose parts have such a test.
+    if isinstance(proposal, MotionProposal):
+        plain = proposal.sample(keys[0], POSE, inputs_of(), FIELD, MOTION, SENSOR)
+        np.testing.assert_allclose(plain.pose, together.pose[0], atol=1e-3)
 
 
 @every_proposal
 def test_new_parameter_values_do_not_recompile(proposal):
-    traces = 0
-
-    @jax.jit
-    def run(proposal, motion, sensor, key):
-        nonlocal traces
-        traces += 1
-        return proposal.sample(key, POSE, inputs_of(), FIELD, motion, sensor)
-
-    run(proposal, MOTION, SENSOR, jax.random.key(0))
-    run(*jax.tree.map(lambda value: value * 1.1, (proposal, MOTION, SENSOR)), jax.random.key(1))
-    assert traces == 1
+    sample(proposal, jax.random.key(0), POSE, inputs_of())
+    compiled = jitted_sample._cache_size()
+    changed, motion, sensor = jax.tree.map(lambda value: value * 1.1, (proposal, MOTION, SENSOR))
+    jitted_sample(changed, jax.random.key(1), POSE, inputs_of(), motion, sensor)
+    assert jitted_sample._cache_size() == compiled
 
 
 @every_proposal

@@ -1,0 +1,55 @@
+"""How long a whole run takes, as a user gets it: the command in a process of its own, without shape checks.
+
+The simulated hall always; the Intel log where `JAXSLAM_DATA` (or the default folder) has it.
+"""
+
+import json
+import statistics
+import subprocess
+import sys
+
+import pytest
+
+NUM_SEEDS = 3
+_COMMAND = (sys.executable, "-c", "import sys; from jaxslam.cli import main; sys.exit(main())")
+
+
+def run_seeds(benchmark, folder, name, num_particles, arguments):
+    """Times whole processes; compilation and steady time are what each of them reports of itself."""
+    reported = []
+
+    def run():
+        out = folder / str(len(reported))
+        seeded = [
+            *arguments,
+            "--particles",
+            str(num_particles),
+            "--seed",
+            str(len(reported)),
+            "--out",
+            str(out),
+        ]
+        done = subprocess.run([*_COMMAND, *seeded], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        reported.append(json.loads((out / "metrics.json").read_text(encoding="utf-8")))
+
+    benchmark.group = name
+    benchmark.pedantic(run, rounds=NUM_SEEDS)
+    for figure in ("compile_s", "run_s", "ms_per_scan", "peak_rss_mb", "scans_processed"):
+        benchmark.extra_info[figure] = statistics.median(metrics[figure] for metrics in reported)
+    benchmark.extra_info["num_particles"] = num_particles
+    benchmark.extra_info["us_per_scan_and_particle"] = (
+        1e3 * benchmark.extra_info["ms_per_scan"] / num_particles
+    )
+
+
+@pytest.mark.parametrize("num_particles", [15, 30, 100, 400])
+def test_simulated_hall(benchmark, tmp_path, num_particles):
+    run_seeds(benchmark, tmp_path, "demo", num_particles, ["demo"])
+
+
+@pytest.mark.parametrize("num_particles", [15, 30, 100])
+def test_intel(benchmark, tmp_path, data_dir, num_particles):
+    log, relations = data_dir / "carmen" / "intel.clf.gz", data_dir / "carmen" / "intel.relations"
+    arguments = ["run", str(log), "--relations", str(relations)]
+    run_seeds(benchmark, tmp_path, "intel", num_particles, arguments)

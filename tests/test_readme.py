@@ -1,0 +1,43 @@
+"""What the README promises: the code runs, the commands parse, CI runs the first two as they stand."""
+
+import re
+import shlex
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from jaxslam.cli.parser import parse
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def block_after(marker: str) -> str:
+    found = re.search(rf"^<!-- {marker} -->\n```\w+\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+    assert found is not None, marker
+    return found[1]
+
+
+def shell_lines() -> list[str]:
+    blocks = re.findall(r"^```sh\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+    return [line.partition(" > ")[0] for line in "".join(blocks).splitlines() if line.startswith("jaxslam ")]
+
+
+def test_the_quickstart_runs(capsys):
+    exec(compile(block_after("quickstart"), "README.md", "exec"), {})
+    assert re.search(r"\d+\.\d\d ms per scan\n$", capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("line", shell_lines())
+def test_the_commands_parse(line):
+    command = parse(shlex.split(line)[1:])
+    assert type(command).__name__.lower() == shlex.split(line)[1]
+
+
+def test_ci_runs_the_two_commands_of_the_first_screen():
+    script = ROOT / ".ci" / "run"
+    if not script.exists():
+        pytest.skip("a source distribution has no .ci/run")
+    printed = subprocess.run([script, "--print"], capture_output=True, text=True, check=True).stdout
+    assert printed == block_after("ci: main-job") + block_after("ci: tests")

@@ -10,6 +10,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float, Float64
 
+from jaxslam.grid.distance import MAX_RADIUS
 from jaxslam.grid.occupancy import OccupancyModel
 from jaxslam.grid.spec import GridSpec
 from jaxslam.inputs import Thinning
@@ -31,7 +32,6 @@ Number = float | Float[Array, ""]
 METHODS: dict[str, str] = {"rbpf": "motion", "gmapping": "matched"}
 """Proposal by method: `rbpf` is the traditional filter, `gmapping` matches scans."""
 
-_MAX_RADIUS = 15  # squared distances up to radius² + 1 are kept in a byte
 _MAX_CELLS = 2**31 - 1
 
 
@@ -88,8 +88,8 @@ class MapSettings(eqx.Module):
     def __check_init__(self):
         _require(self, "resolution", lambda value: value > 0, "a number of metres above 0")
         _require(self, "margin", lambda value: value >= 0, "a number of metres, 0 or more")
-        if not 1 <= self.radius <= _MAX_RADIUS:
-            raise ValueError(f"map.radius is {self.radius}: give 1 to {_MAX_RADIUS} cells")
+        if not 1 <= self.radius <= MAX_RADIUS:
+            raise ValueError(f"map.radius is {self.radius}: give 1 to {MAX_RADIUS} cells")
 
 
 class Configuration(eqx.Module):

@@ -36,9 +36,9 @@ class CorrelativeSearch(eqx.Module):
     sigma_cells: float | Float[Array, ""] = 1.5
     beam_score: float | Float[Array, ""] = 0.2
     unseen_score: float | Float[Array, ""] = 0.6
-    num_translations: int = eqx.field(static=True, default=13)
-    num_rotations: int = eqx.field(static=True, default=25)
-    num_beams: int = eqx.field(static=True, default=60)
+    num_translations: int = eqx.field(static=True, default=9)
+    num_rotations: int = eqx.field(static=True, default=13)
+    num_beams: int = eqx.field(static=True, default=45)
 
     def search(
         self, field: Field, ends: ScanPoints, start: Float[Array, "3"], prior: PosePrior

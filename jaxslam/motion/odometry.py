@@ -56,12 +56,12 @@ class OdometryMotion(AbstractMotionModel):
         5 mrad: deviations 0.1001 m along, 0.1002 m across and 0.1415 rad.
     """
 
-    rotation_noise_from_rotation: Scalar = 0.02
+    rotation_noise_from_rotation: Scalar = 0.09
     rotation_noise_from_translation: Scalar = 0.01
     translation_noise_from_translation: Scalar = 0.01
     translation_noise_from_rotation: Scalar = 0.0025
-    translation_floor: Scalar = 0.005
-    rotation_floor: Scalar = 0.005
+    translation_floor: Scalar = 0.03
+    rotation_floor: Scalar = 0.05
     direction_threshold: Scalar = 0.01
 
     def __check_init__(self):

@@ -25,8 +25,9 @@ class MatchedProposal(AbstractProposal):
     says nothing, as along a corridor, and agree where it does.
 
     Attributes:
-        coarse: matcher on the coarse field: a basin of about a metre.
-        fine: matcher on the map's own resolution, from where the coarse one ended.
+        coarse: matcher on the coarse field, a basin of about a metre: one of the starts when lost.
+        medium: matcher on the map's own resolution with a basin of some 30 cm.
+        fine: from where that ended, with a narrow kernel: a wide one is pulled by what is not the same wall.
         search: wider search, run where fewer than `lost_below` of the beams meet the map.
         prior_translation: what the motion model's precision in position counts for in the match.
         prior_rotation: and its precision in heading.
@@ -44,8 +45,8 @@ class MatchedProposal(AbstractProposal):
     medium: GaussNewton = GaussNewton(sigma_cells=2.0, num_iterations=5)
     fine: GaussNewton = GaussNewton(sigma_cells=0.8, num_iterations=5)
     search: CorrelativeSearch = CorrelativeSearch()
-    prior_translation: float | Float[Array, ""] = 1.0
-    prior_rotation: float | Float[Array, ""] = 0.1
+    prior_translation: float | Float[Array, ""] = 0.3
+    prior_rotation: float | Float[Array, ""] = 0.3
     lost_below: float | Float[Array, ""] = 0.5
     min_valid_beams: float | Float[Array, ""] = 5.0
     max_beams: int = eqx.field(static=True, default=180)
@@ -76,8 +77,9 @@ class MatchedProposal(AbstractProposal):
         matched = _best(score, drawn, refine(drawn))
 
         def search(best: Float[Array, "3"]) -> Float[Array, "3"]:
-            coarse = self.coarse.match(field.coarse, ends, drawn, prior)
-            found = self.search.search(field, ends, drawn, prior)
+            # From the carry and not from the draw: what does not change in a loop, XLA computes before it.
+            coarse = self.coarse.match(field.coarse, ends, best, prior)
+            found = self.search.search(field, ends, best, prior)
             return _best(score, best, refine(coarse), refine(found))
 
         squared, unseen = field.fine.look_up(se2.apply(matched, ends.points))

@@ -158,7 +158,7 @@ def test_methods():
         ({"min_range": 100.0}, "lidar.min_range is 100.0 m and lidar.max_range 80.0 m: exchange them"),
         ({"resolution": -0.05}, "map.resolution is -0.05"),
         ({"margin": -1.0}, "map.margin is -1.0: give a number of metres, 0 or more"),
-        ({"map.radius": 16}, "map.radius is 16: give 1 to 15 cells"),
+        ({"map.radius": 16}, "map.radius is 16: give 1 to 10 cells"),
         ({"min_translation": -0.1}, "thinning.min_translation is -0.1: give 0 or more"),
         ({"threshold": -0.5}, "threshold is -0.5, must be >= 0"),
     ],

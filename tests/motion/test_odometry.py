@@ -58,7 +58,8 @@ def test_a_forward_step_is_table_5_6(seed):
 
 
 def test_worked_example_of_the_docstring():
-    deviation = np.sqrt(np.diagonal(OdometryMotion().covariance(odometry_of([1.0, 0.0, 0.0]))))
+    model = OdometryMotion(0.02, 0.01, 0.01, 0.0025, 0.005, 0.005)
+    deviation = np.sqrt(np.diagonal(model.covariance(odometry_of([1.0, 0.0, 0.0]))))
     np.testing.assert_allclose(deviation, [0.1001, 0.1002, 0.1415], atol=5e-5)
 
 
@@ -90,7 +91,7 @@ def test_reversing_is_as_certain_as_driving_forward(bend):
 
 def test_turning_in_place_is_one_rotation_whatever_the_jitter():
     # Variance α1 θ² + floor², no translation: 0.02 · 1² + 0.005² = 0.020025.
-    model = OdometryMotion()
+    model = OdometryMotion(0.02, 0.01, 0.01, 0.0025, 0.005, 0.005)
     still = model.covariance(odometry_of([0.0, 0.0, 1.0]))
     assert float(still[2, 2]) == pytest.approx(0.020025, rel=1e-5)
     # Jitter of 0.1 mm in any direction changes that by less than a hundredth of its deviation: the

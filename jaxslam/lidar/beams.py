@@ -2,10 +2,10 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxslam import se2
+from jaxslam.lidar.subset import spread_beams
 from jaxslam.once import computed_once
 from jaxslam.types import LidarScan
 
@@ -31,8 +31,7 @@ def scan_points(scan: LidarScan, max_beams: int | None = None) -> ScanPoints:
     """
     angles, ranges, valid = scan.angles(), scan.ranges, scan.valid
     if max_beams is not None and max_beams < scan.num_beams:
-        # Whole strides would throw away up to half of what is allowed.
-        chosen = np.round(np.linspace(0, scan.num_beams - 1, max_beams)).astype(np.int32)
+        chosen = spread_beams(scan.num_beams, max_beams)
         angles, ranges, valid = angles[chosen], ranges[chosen], valid[chosen]
     ranges = jnp.where(valid, ranges, 0.0)
 

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 
 from jaxslam import se2
 from jaxslam.lidar.beams import ScanPoints
+from jaxslam.lidar.subset import spread_beams
 from jaxslam.matching.gauss_newton import PosePrior
 from jaxslam.sensor.field import DistanceField, Field
 
@@ -45,7 +46,7 @@ class CorrelativeSearch(eqx.Module):
     ) -> Float[Array, "3"]:
         """Best pose `[3]` found; the start itself is a lattice point."""
         total = ends.valid.shape[0]
-        spread = np.unique(np.round(np.linspace(0, total - 1, min(self.num_beams, total))).astype(int))
+        spread = spread_beams(total, self.num_beams)
         few = ScanPoints(ends.points[spread], ends.valid[spread])
         share = total / len(spread)
         step = 2 * self.reach / (self.num_translations - 1)

@@ -88,7 +88,7 @@ def test_jit_and_vmap_change_nothing(proposal):
         alone = sample(proposal, key, POSE, inputs_of())
         np.testing.assert_allclose(together.pose[index], alone.pose, atol=1e-3)
         assert int(together.flags[index]) == int(alone.flags)
-    # Without jit each operation compiles by itself, 40 s for the matcher, whose parts have such a test.
+    # Without jit each operation compiles by itself (40 s for the matcher).
     if isinstance(proposal, MotionProposal):
         plain = proposal.sample(keys[0], POSE, inputs_of(), FIELD, MOTION, SENSOR)
         np.testing.assert_allclose(plain.pose, together.pose[0], atol=1e-3)

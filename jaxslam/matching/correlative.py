@@ -47,7 +47,7 @@ class CorrelativeSearch(eqx.Module):
         """Best pose `[3]` found; the start itself is a lattice point."""
         total = ends.valid.shape[0]
         spread = spread_beams(total, self.num_beams)
-        few = ScanPoints(ends.points[spread], ends.valid[spread])
+        few = ScanPoints(ends.points[spread], ends.valid[spread], ends.normals[spread])
         share = total / len(spread)
         step = 2 * self.reach / (self.num_translations - 1)
         step_rotation = 2 * self.reach_rotation / (self.num_rotations - 1)

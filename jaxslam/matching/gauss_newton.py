@@ -48,7 +48,7 @@ class GaussNewton(eqx.Module):
     """
 
     sigma_cells: float | Float[Array, ""] = 2.0
-    residual_scale: float | Float[Array, ""] = 0.45
+    residual_scale: float | Float[Array, ""] = 0.1
     max_step_cells: float | Float[Array, ""] = 4.0
     max_step_rotation: float | Float[Array, ""] = 0.1
     num_iterations: int = eqx.field(static=True, default=8)
@@ -73,34 +73,25 @@ class GaussNewton(eqx.Module):
     def _linearise(
         self, field: DistanceField, ends: ScanPoints, pose: Float[Array, "3"]
     ) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
-        """Normal matrix JᵀJ / s² and right-hand side Jᵀr / s²."""
+        """Normal matrix JᵀWJ / s² and right-hand side −JᵀWe / s²."""
         cos, sin = jnp.cos(pose[2]), jnp.sin(pose[2])
         arm_x = cos * ends.points[:, 0] - sin * ends.points[:, 1]
         arm_y = sin * ends.points[:, 0] + cos * ends.points[:, 1]
-        value, slope_x, slope_y = self._interpolate(field, arm_x + pose[0], arm_y + pose[1])
-        slope_theta = arm_x * slope_y - arm_y * slope_x
-        residual = 1.0 - value
-        weight = ends.valid.astype(jnp.float32) / self.residual_scale**2
-        x, y, theta = slope_x * weight, slope_y * weight, slope_theta * weight
+        distance, slope_x, slope_y = field.interpolate(arm_x + pose[0], arm_y + pose[1])
+        flat = (ends.normals[:, 0] != 0.0) | (ends.normals[:, 1] != 0.0)
+        normal_x = jnp.where(flat, cos * ends.normals[:, 0] - sin * ends.normals[:, 1], slope_x)
+        normal_y = jnp.where(flat, sin * ends.normals[:, 0] + cos * ends.normals[:, 1], slope_y)
+        along_normal = jnp.where(flat, normal_x * slope_x + normal_y * slope_y, 1.0)
+        residual = -distance * along_normal * field.resolution
+        kernel = jnp.exp(-0.5 * distance * distance / self.sigma_cells**2)
+        weight = jnp.where(ends.valid, kernel, 0.0) / self.residual_scale**2
+        normal_theta = arm_x * normal_y - arm_y * normal_x
+        x, y, theta = normal_x * weight, normal_y * weight, normal_theta * weight
         # Nine sums and not one of a stack: fused with what they sum, they are four times as fast.
-        xx, xy, xt = jnp.sum(x * slope_x), jnp.sum(x * slope_y), jnp.sum(x * slope_theta)
-        yy, yt, tt = jnp.sum(y * slope_y), jnp.sum(y * slope_theta), jnp.sum(theta * slope_theta)
+        xx, xy, xt = jnp.sum(x * normal_x), jnp.sum(x * normal_y), jnp.sum(x * normal_theta)
+        yy, yt, tt = jnp.sum(y * normal_y), jnp.sum(y * normal_theta), jnp.sum(theta * normal_theta)
         gradient = jnp.stack([jnp.sum(x * residual), jnp.sum(y * residual), jnp.sum(theta * residual)])
         return jnp.stack([xx, xy, xt, xy, yy, yt, xt, yt, tt]).reshape(3, 3), gradient
-
-    def _interpolate(
-        self, field: DistanceField, x: Float[Array, "B"], y: Float[Array, "B"]
-    ) -> tuple[Float[Array, "B"], Float[Array, "B"], Float[Array, "B"]]:
-        """M and its slopes per metre at the points, bilinear between cell centres."""
-        squared, along, up = field.corners(x, y)
-        precision = -0.5 / self.sigma_cells**2
-        lower_left, lower_right, upper_left, upper_right = (jnp.exp(precision * d) for d in squared)
-        slope_lower, slope_upper = lower_right - lower_left, upper_right - upper_left
-        lower, upper = lower_left + along * slope_lower, upper_left + along * slope_upper
-        slope_x = slope_lower + up * (slope_upper - slope_lower)
-        slope_y = upper - lower
-        scale = 1.0 / field.resolution
-        return lower + up * slope_y, slope_x * scale, slope_y * scale
 
 
 def _offset(from_pose: Float[Array, "3"], to_pose: Float[Array, "3"]) -> Float[Array, "3"]:

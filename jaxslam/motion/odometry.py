@@ -58,7 +58,7 @@ class OdometryMotion(AbstractMotionModel):
 
     rotation_noise_from_rotation: Scalar = 0.09
     rotation_noise_from_translation: Scalar = 0.01
-    translation_noise_from_translation: Scalar = 0.01
+    translation_noise_from_translation: Scalar = 0.0025
     translation_noise_from_rotation: Scalar = 0.0025
     translation_floor: Scalar = 0.03
     rotation_floor: Scalar = 0.05

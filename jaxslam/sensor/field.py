@@ -54,6 +54,18 @@ class DistanceField(eqx.Module):
     def _far(self) -> float:
         return self.radius * self.radius + 1.0
 
+    def interpolate(
+        self, x: Float[Array, "B"], y: Float[Array, "B"]
+    ) -> tuple[Float[Array, "B"], Float[Array, "B"], Float[Array, "B"]]:
+        """Distance in cells and its slopes (cells per cell) at the points, bilinear between cell centres."""
+        squared, along, up = self.corners(x, y)
+        lower_left, lower_right, upper_left, upper_right = (jnp.sqrt(d) for d in squared)
+        slope_lower, slope_upper = lower_right - lower_left, upper_right - upper_left
+        lower, upper = lower_left + along * slope_lower, upper_left + along * slope_upper
+        slope_x = slope_lower + up * (slope_upper - slope_lower)
+        slope_y = upper - lower
+        return lower + up * slope_y, slope_x, slope_y
+
     def corners(
         self, x: Float[Array, "B"], y: Float[Array, "B"]
     ) -> tuple[tuple[Float[Array, "B"], ...], Float[Array, "B"], Float[Array, "B"]]:

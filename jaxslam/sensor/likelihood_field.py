@@ -33,12 +33,27 @@ class LikelihoodField(AbstractSensorModel):
     z_rand: float | Float[Array, ""] = 0.05
     z_unseen: float | Float[Array, ""] = 0.5
     beam_weight: float | Float[Array, ""] = 0.05
+    num_neutral: float | Float[Array, ""] = 10.0
     max_beams: int = eqx.field(static=True, default=180)
 
     def log_prob(self, field: Field, scan: LidarScan, pose: Float[Array, "3"]) -> Float[Array, ""]:
         """Scalar, natural log; 0 is the best there is (every beam on an obstacle)."""
         ends = scan_points(scan, self.max_beams)
-        squared, unseen = field.fine.look_up(se2.apply(pose, ends.points))
+        points = se2.apply(pose, ends.points)
+        _, unseen = field.fine.look_up(points)
+        distance, slope_x, slope_y = field.fine.interpolate(points[:, 0], points[:, 1])
+        cos, sin = jnp.cos(pose[2]), jnp.sin(pose[2])
+        normal_x = cos * ends.normals[:, 0] - sin * ends.normals[:, 1]
+        normal_y = sin * ends.normals[:, 0] + cos * ends.normals[:, 1]
+        flat = (ends.normals[:, 0] != 0.0) | (ends.normals[:, 1] != 0.0)
+        far = distance > field.fine.radius - 0.5
+        across = jnp.where(flat & ~far, normal_x * slope_x + normal_y * slope_y, 1.0)
+        squared = (distance * across * field.fine.resolution)**2
         density = self.z_hit * jnp.exp(-0.5 * squared / self.sigma_hit**2) + self.z_rand
-        density = jnp.where(unseen, self.z_unseen, density / (self.z_hit + self.z_rand))
-        return self.beam_weight * jnp.sum(jnp.where(ends.valid, jnp.log(density), 0.0))
+        density = density / (self.z_hit + self.z_rand)
+        seen = ends.valid & ~unseen
+        total = jnp.sum(jnp.where(seen, jnp.log(density), 0.0))
+        num = jnp.sum(ends.valid, dtype=jnp.float32)
+        shrink = self.num_neutral
+        total = (total + shrink * jnp.log(self.z_unseen)) * num / (jnp.sum(seen, dtype=jnp.float32) + shrink)
+        return self.beam_weight * total

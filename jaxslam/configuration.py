@@ -78,16 +78,23 @@ class MapSettings(eqx.Module):
     Attributes:
         resolution: side of a cell, metres.
         margin: room around the odometry's path beyond the usable range, metres: what it may be wrong by.
+        margin_share: and so much more per metre of the path's longer side: a heading that drifts turns it.
+        window: side of the square that a step works on, metres, if the usable range is not shorter. It lies
+            around the lidar, and ahead of one that sees farther.
         radius: truncation of the distance field, cells, 1 to 15 (static).
     """
 
     resolution: Number = 0.05
     margin: Number = 12.0
+    margin_share: Number = 0.3
+    window: Number = 16.0
     radius: int = eqx.field(static=True, default=RBPF.__dataclass_fields__["radius"].default)
 
     def __check_init__(self):
         _require(self, "resolution", lambda value: value > 0, "a number of metres above 0")
         _require(self, "margin", lambda value: value >= 0, "a number of metres, 0 or more")
+        _require(self, "margin_share", lambda value: value >= 0, "a number, 0 or more")
+        _require(self, "window", lambda value: value > 0, "a number of metres above 0")
         if not 1 <= self.radius <= MAX_RADIUS:
             raise ValueError(f"map.radius is {self.radius}: give 1 to {MAX_RADIUS} cells")
 
@@ -159,13 +166,15 @@ def build(configuration: Configuration, odometry_bounds: Float64[np.ndarray, "2 
         ValueError: the maps would not fit into memory.
 
     Example:
-        A path of 10 × 5 m, margin 12 m, usable range 8 m, cells of 5 cm: 50 × 45 m, 1000 × 900 cells.
+        A path of 10 × 5 m, margin 12 m and 0.3 per metre, usable range 8 m, cells of 5 cm: 56 × 51 m.
     """
     reach, resolution = float(configuration.lidar.usable_range), float(configuration.map.resolution)
-    around = reach + float(configuration.map.margin)
+    longer_side = float(np.max(odometry_bounds[1] - odometry_bounds[0]))
+    margin = float(configuration.map.margin) + float(configuration.map.margin_share) * longer_side
+    around = reach + margin
     radius = configuration.map.radius
     # A range that is a whole number of cells must not get one more by rounding.
-    half_window = math.ceil(reach / resolution - 1e-6) + radius + 1
+    half_window = math.ceil(min(reach, float(configuration.map.window) / 2) / resolution - 1e-6) + radius + 1
     window_size = -(-2 * half_window // 4) * 4
     lower, upper = odometry_bounds[0] - around, odometry_bounds[1] + around
     # The window must find room in a map with a small margin, too.

@@ -27,6 +27,13 @@ def rotate(angle: Float[Array, "*batch"], vector: Float[Array, "*batch 2"]) -> F
     return jnp.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
 
 
+def rotate_all(angle: Float[Array, ""], vectors: Float[Array, "*points 2"]) -> Float[Array, "*points 2"]:
+    """Vectors `[*points, 2]` turned by one angle (rad), counter-clockwise."""
+    cos, sin = jnp.cos(angle), jnp.sin(angle)
+    x, y = vectors[..., 0], vectors[..., 1]
+    return jnp.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+
+
 def compose(
     pose_a_b: Float[Array, "*batch 3"], pose_b_c: Float[Array, "*batch 3"]
 ) -> Float[Array, "*batch 3"]:

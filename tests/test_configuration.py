@@ -97,7 +97,7 @@ def test_every_setting_is_explained():
 
 def test_toml_carries_the_units():
     lines = toml.dumps(Configuration()).splitlines()
-    assert "metres" in lines[lines.index("usable_range = 8.0") - 1]
+    assert "metres" in lines[lines.index("usable_range = 12.0") - 1]
 
 
 @pytest.mark.parametrize("name", ["sensor.sigma_hit", "sigma_hit"])
@@ -141,7 +141,7 @@ def test_methods():
         ({"marign": 5.0}, "did you mean 'map.margin'"),
         (
             {"sigma_cells": 1.0},
-            "could be proposal.coarse.sigma_cells, proposal.*, proposal.search.sigma_cells",
+            "could be proposal.heading.sigma_cells, proposal.*, proposal.search.sigma_cells",
         ),
         ({"sigma_hit": 1.0, "sensor.sigma_hit": 2.0}, "sensor.sigma_hit is given twice"),
         ({"num_particles": 0}, "num_particles is 0: give 1 or more"),
@@ -226,13 +226,17 @@ def test_bad_assignments(text):
 
 
 def test_build_sizes_map_and_window():
-    """10 × 5 m of path, 8 m of reach and 12 m of margin around: 50 × 45 m."""
-    slam = build(Configuration(), BOUNDS)
-    assert (slam.grid.height, slam.grid.width) == (900, 1000)
-    np.testing.assert_allclose(slam.grid.origin, [-21.0, -22.0])
+    """10 × 5 m of path, 8 m of reach, 12 m of margin and 0.3 × 10 m around: 56 × 51 m."""
+    slam = build(update(Configuration(), {"usable_range": 8.0}), BOUNDS)
+    assert (slam.grid.height, slam.grid.width) == (1020, 1120)
+    np.testing.assert_allclose(slam.grid.origin, [-24.0, -25.0])
     # 160 cells of reach, 6 of truncation and one more on both sides: 334, and on to a multiple of 4.
     assert slam.window_size == 336
     assert slam.radius == 6
+    # A lidar that sees farther has the window ahead of it, and the map around it grows alone.
+    far = build(update(Configuration(), {"usable_range": 16.0}), BOUNDS)
+    assert far.window_size == 336
+    assert (far.grid.height, far.grid.width) == (1340, 1440)
 
 
 def test_a_map_without_margin_still_holds_the_window():

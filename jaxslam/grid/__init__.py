@@ -2,28 +2,42 @@
 
 from jaxslam.grid.distance import squared_distance
 from jaxslam.grid.occupancy import (
+    CellsFromLidar,
     OccupancyModel,
     RangeTable,
     add_scan,
+    cells_from_lidar,
     is_occupied,
     probability,
     quantise,
     range_table,
 )
 from jaxslam.grid.spec import GridSpec
-from jaxslam.grid.window import copy_maps, read_windows, window_origin, window_start, write_windows
+from jaxslam.grid.window import (
+    copy_maps,
+    inside_window,
+    read_windows,
+    shift_to_scan,
+    window_origin,
+    window_start,
+    write_windows,
+)
 
 __all__ = [
+    "CellsFromLidar",
     "GridSpec",
     "OccupancyModel",
     "RangeTable",
     "add_scan",
+    "cells_from_lidar",
     "copy_maps",
+    "inside_window",
     "is_occupied",
     "probability",
     "quantise",
     "range_table",
     "read_windows",
+    "shift_to_scan",
     "squared_distance",
     "window_origin",
     "window_start",

@@ -14,8 +14,8 @@ from jaxslam.once import computed_once
 from jaxslam.types import LidarScan
 
 LOG_ODDS_PER_UNIT = 0.05
-NUM_BEARINGS = 1024
-"""Entries of a scan's range table. At 8 m one entry subtends one 5 cm cell. A power of two."""
+NUM_BEARINGS = 2048
+"""Entries of a scan's range table. At 16 m one entry subtends one 5 cm cell. A power of two."""
 
 
 class OccupancyModel(eqx.Module):
@@ -60,6 +60,18 @@ class RangeTable(eqx.Module):
     free_until: Int16[Array, "n"]
 
 
+class CellsFromLidar(eqx.Module):
+    """Where the cells of a window lie from the cell of its lidar.
+
+    Attributes:
+        bearing: `[S, S]` entry of a `RangeTable`, modulo its length.
+        distance: `[S, S]` half cells, rounded up.
+    """
+
+    bearing: Int16[Array, "S S"]
+    distance: Int16[Array, "S S"]
+
+
 def range_table(scan: LidarScan, resolution: Float[Array, ""], max_cells: int) -> RangeTable:
     """Tabulates a scan over bearing, once for all particles.
 
@@ -102,11 +114,12 @@ def add_scan(
     model: OccupancyModel,
     window: Int8[Array, "S S"],
     table: RangeTable,
+    cells: CellsFromLidar,
     hits: Int[Array, "B 2"],
     valid: Bool[Array, "B"],
     heading: Float[Array, ""],
 ) -> Int8[Array, "S S"]:
-    """Adds one scan to a map window whose centre cell holds the lidar.
+    """Adds one scan to a map window.
 
     Every cell looks itself up in the scan's table and changes at most once, so the cost is that of the
     window and not of the beams. Hits are placed exactly; free space ends one cell before them, which
@@ -116,17 +129,17 @@ def add_scan(
         model: log-odds to add.
         window: `[S, S]` fixed-point log-odds.
         table: the scan by bearing.
+        cells: where the window's cells lie from the lidar.
         hits: `[B, 2]` (row, column) of the beams' end points in the window.
         valid: `[B]` which of them count.
         heading: of the lidar in the world, radians.
     """
     size = window.shape[0]
-    bearing, distance = _bearing_and_distance(size)
     shift = jnp.round(heading * (NUM_BEARINGS / (2 * np.pi))).astype(jnp.int16)
     # Two's complement: the mask takes negative differences to the right entry as well.
-    index = (jnp.asarray(bearing) - shift) & jnp.int16(NUM_BEARINGS - 1)
+    index = (cells.bearing - shift) & jnp.int16(NUM_BEARINGS - 1)
     free_until = table.free_until.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
-    free = jnp.asarray(distance) + jnp.int16(2) <= free_until
+    free = cells.distance + jnp.int16(2) <= free_until
     change = jnp.where(free, quantise(model.miss), jnp.int8(0))
     # An index past the end is dropped; one before the beginning would wrap round.
     row = jnp.where(valid & jnp.all(hits >= 0, axis=1), hits[:, 0], size)
@@ -136,11 +149,23 @@ def add_scan(
     return jnp.clip(total, -limit, limit).astype(jnp.int8)
 
 
-def _bearing_and_distance(
-    size: int,
-) -> tuple[Int16[np.ndarray, "S S"], Int16[np.ndarray, "S S"]]:
-    """Table index of the bearing, and distance in half cells, of a window's cells from its centre."""
-    offset = np.arange(size) - size // 2
+def cells_from_lidar(size: int, shift: Int[Array, "2"]) -> CellsFromLidar:
+    """Where the cells of a window lie from its lidar, once for all particles.
+
+    Args:
+        size: cells along a side (static).
+        shift: `[2]` rows and columns from the lidar's cell to the window's centre cell, less than half
+            of `size`.
+    """
+    offset = np.arange(2 * size) - size
     dx, dy = np.meshgrid(offset, offset)
     bearing = np.round(np.arctan2(dy, dx) * (NUM_BEARINGS / (2 * np.pi))).astype(np.int16)
-    return bearing, np.ceil(2 * np.hypot(dx, dy)).astype(np.int16)
+    distance = np.ceil(2 * np.hypot(dx, dy)).astype(np.int16)
+    start = size - size // 2 + shift
+
+    def cut(start: Int[Array, "2"]) -> Int16[Array, "2 S S"]:
+        both = jnp.asarray(np.stack([bearing, distance]))
+        return jax.lax.dynamic_slice(both, (0, start[0], start[1]), (2, size, size))
+
+    found = computed_once(cut, start)
+    return CellsFromLidar(found[0], found[1])

@@ -6,17 +6,28 @@ from jaxtyping import Array, Bool, Float, Int, Int8
 
 from jaxslam.grid.spec import GridSpec
 
+_ROOM = 20
+"""Cells that the lidar keeps from the window's edge."""
+_EDGE = 4
+"""Cells at the window's edge where no beam may end: the poses of the particles differ by some."""
+
 
 def window_start(
-    spec: GridSpec, position: Float[Array, "2"], shape: tuple[int, int]
+    spec: GridSpec, position: Float[Array, "2"], shape: tuple[int, int], shift: Int[Array, "2"]
 ) -> tuple[Int[Array, "2"], Bool[Array, ""]]:
-    """First row and column of the window of `shape` whose centre cell holds `position`.
+    """First row and column of the window of `shape` whose centre is `shift` cells from `position`.
+
+    Args:
+        spec: the map.
+        position: `[2]` of the lidar, metres, world frame.
+        shape: rows and columns.
+        shift: `[2]` rows and columns from the lidar's cell to the window's centre cell.
 
     Returns:
         `[2]` int32 (row, column), moved to lie on the map, and whether it had to be moved.
     """
     cell = jnp.floor(spec.cells(position)).astype(jnp.int32)
-    start = cell[::-1] - jnp.asarray([shape[0] // 2, shape[1] // 2], jnp.int32)
+    start = cell[::-1] + shift - jnp.asarray([shape[0] // 2, shape[1] // 2], jnp.int32)
     last = jnp.asarray([spec.height - shape[0], spec.width - shape[1]], jnp.int32)
     inside = jnp.clip(start, 0, last)
     return inside, jnp.any(inside != start)
@@ -25,6 +36,36 @@ def window_start(
 def window_origin(spec: GridSpec, start: Int[Array, "2"]) -> Float[Array, "2"]:
     """World position of the lower-left corner of a window that starts at (row, column), metres."""
     return spec.origin + spec.resolution * start[::-1].astype(jnp.float32)
+
+
+def shift_to_scan(ends: Float[Array, "B 2"], resolution: Float[Array, ""], size: int) -> Int[Array, "2"]:
+    """Rows and columns from the lidar to the middle of what it sees.
+
+    A lidar that looks ahead sees twice as far in a window that lies ahead of it. The lidar itself stays
+    on the window, a metre from its edge at 5 cm cells.
+
+    Args:
+        ends: `[B, 2]` where the beams end, from the lidar, metres, world axes; (0, 0) where there is none.
+        resolution: side of a cell, metres.
+        size: cells along a side of the window.
+
+    Returns:
+        `[2]` int32 (row, column); 0 along an axis on which all of it fits round the lidar.
+    """
+    half = size // 2
+    lowest, highest = jnp.min(ends, axis=0) / resolution, jnp.max(ends, axis=0) / resolution
+    fits = jnp.maximum(-lowest, highest) < half - _EDGE
+    limit = max(half - _ROOM, 0)
+    middle = jnp.clip(jnp.round(0.5 * (lowest + highest)), -limit, limit)
+    return jnp.where(fits, 0.0, middle).astype(jnp.int32)[::-1]
+
+
+def inside_window(
+    ends: Float[Array, "B 2"], resolution: Float[Array, ""], size: int, shift: Int[Array, "2"]
+) -> Bool[Array, "B"]:
+    """Which beams end on the window, and off its outermost cells (arguments as in `shift_to_scan`)."""
+    from_centre = ends / resolution - shift[None, ::-1].astype(jnp.float32)
+    return jnp.all(jnp.abs(from_centre) < size // 2 - _EDGE, axis=1)
 
 
 def read_windows(

@@ -2,5 +2,6 @@
 
 from jaxslam.matching.correlative import CorrelativeSearch
 from jaxslam.matching.gauss_newton import GaussNewton, PosePrior
+from jaxslam.matching.heading import HeadingSearch
 
-__all__ = ["CorrelativeSearch", "GaussNewton", "PosePrior"]
+__all__ = ["CorrelativeSearch", "GaussNewton", "HeadingSearch", "PosePrior"]

@@ -32,23 +32,30 @@ class PosePrior(eqx.Module):
 
 
 class GaussNewton(eqx.Module):
-    r"""Minimises $\sum_k (1 - M(x \oplus c_k))^2 / s^2$ plus the prior's quadratic.
+    r"""Minimises $\sum_k w_k e_k^2 / s^2$ plus the prior's quadratic.
 
-    M = exp(−d²/2σ²) is interpolated between cells.
+    $e_k$ is the distance of an end point from the nearest obstacle, across the wall that its neighbours in
+    the scan show (point to line), or straight where they show none. $w_k$ = exp(−d²/2σ²), times
+    `point_weight` for those without a wall, over 1 + (range / `half_range`)².
 
     Attributes:
         sigma_cells: σ, width of the basin, cells of the field it runs on.
-        residual_scale: s, the residual that counts as much as one standard deviation of the prior.
+        residual_scale: s, metres that count as much as one standard deviation of the prior.
+        point_weight: what an end point without a wall counts for: the way to its nearest obstacle is
+            often one along a wall.
+        half_range: range at which an end point counts half, metres.
         max_step_cells: a step is shortened to this many cells.
         max_step_rotation: and to this many radians.
         num_iterations: always this many (static).
 
     References:
-        Kohlbrecher et al. 2011 (the residual), on the distance field instead of the occupancy.
+        Censi 2008 (point to line), on the likelihood field's distances; the weights are ours.
     """
 
     sigma_cells: float | Float[Array, ""] = 2.0
     residual_scale: float | Float[Array, ""] = 0.1
+    point_weight: float | Float[Array, ""] = 0.2
+    half_range: float | Float[Array, ""] = 8.0
     max_step_cells: float | Float[Array, ""] = 4.0
     max_step_rotation: float | Float[Array, ""] = 0.1
     num_iterations: int = eqx.field(static=True, default=8)
@@ -74,22 +81,22 @@ class GaussNewton(eqx.Module):
         self, field: DistanceField, ends: ScanPoints, pose: Float[Array, "3"]
     ) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
         """Normal matrix JᵀWJ / s² and right-hand side −JᵀWe / s²."""
-        cos, sin = jnp.cos(pose[2]), jnp.sin(pose[2])
-        arm_x = cos * ends.points[:, 0] - sin * ends.points[:, 1]
-        arm_y = sin * ends.points[:, 0] + cos * ends.points[:, 1]
-        distance, slope_x, slope_y = field.interpolate(arm_x + pose[0], arm_y + pose[1])
+        arms, normals = se2.rotate_all(pose[2], ends.points), se2.rotate_all(pose[2], ends.normals)
+        distance, across, direction = field.across(arms + pose[None, :2], normals)
         flat = (ends.normals[:, 0] != 0.0) | (ends.normals[:, 1] != 0.0)
-        normal_x = jnp.where(flat, cos * ends.normals[:, 0] - sin * ends.normals[:, 1], slope_x)
-        normal_y = jnp.where(flat, sin * ends.normals[:, 0] + cos * ends.normals[:, 1], slope_y)
-        along_normal = jnp.where(flat, normal_x * slope_x + normal_y * slope_y, 1.0)
-        residual = -distance * along_normal * field.resolution
-        kernel = jnp.exp(-0.5 * distance * distance / self.sigma_cells**2)
-        weight = jnp.where(ends.valid, kernel, 0.0) / self.residual_scale**2
-        normal_theta = arm_x * normal_y - arm_y * normal_x
-        x, y, theta = normal_x * weight, normal_y * weight, normal_theta * weight
+        weight = jnp.exp(-0.5 * distance * distance / self.sigma_cells**2)
+        weight = weight * jnp.where(flat, 1.0, self.point_weight)
+        weight = weight / (1.0 + jnp.sum(ends.points * ends.points, axis=1) / self.half_range**2)
+        # Where the distance is cut off, nothing is known of it.
+        near = distance < field.radius
+        weight = jnp.where(ends.valid & near, weight, 0.0) / self.residual_scale**2
+        residual = -across * field.resolution
+        slope_x, slope_y = direction[:, 0], direction[:, 1]
+        slope_theta = arms[:, 0] * slope_y - arms[:, 1] * slope_x
+        x, y, theta = slope_x * weight, slope_y * weight, slope_theta * weight
         # Nine sums and not one of a stack: fused with what they sum, they are four times as fast.
-        xx, xy, xt = jnp.sum(x * normal_x), jnp.sum(x * normal_y), jnp.sum(x * normal_theta)
-        yy, yt, tt = jnp.sum(y * normal_y), jnp.sum(y * normal_theta), jnp.sum(theta * normal_theta)
+        xx, xy, xt = jnp.sum(x * slope_x), jnp.sum(x * slope_y), jnp.sum(x * slope_theta)
+        yy, yt, tt = jnp.sum(y * slope_y), jnp.sum(y * slope_theta), jnp.sum(theta * slope_theta)
         gradient = jnp.stack([jnp.sum(x * residual), jnp.sum(y * residual), jnp.sum(theta * residual)])
         return jnp.stack([xx, xy, xt, xy, yy, yt, xt, yt, tt]).reshape(3, 3), gradient
 

@@ -1,19 +1,17 @@
 """gmapping's proposal: draw from the motion model, then match the scan from there."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxslam import se2
 from jaxslam.branch import run_if
 from jaxslam.flags import Flag
 from jaxslam.lidar.beams import scan_points
-from jaxslam.lidar.subset import spread_beams
 from jaxslam.linalg import inverse_symmetric
 from jaxslam.matching.correlative import CorrelativeSearch
 from jaxslam.matching.gauss_newton import GaussNewton, PosePrior
+from jaxslam.matching.heading import HeadingSearch
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.proposal.base import AbstractProposal, Proposed
 from jaxslam.sensor.base import AbstractSensorModel
@@ -28,6 +26,7 @@ class MatchedProposal(AbstractProposal):
     says nothing, as along a corridor, and agree where it does.
 
     Attributes:
+        heading: which way to look first.
         coarse: matcher on the coarse field, a basin of about a metre: one of the starts when lost.
         medium: matcher on the map's own resolution with a basin of some 30 cm.
         fine: from where that ended, with a narrow kernel: a wide one is pulled by what is not the same wall.
@@ -44,6 +43,7 @@ class MatchedProposal(AbstractProposal):
         gmapping computes it, so `log_ratio` is 0).
     """
 
+    heading: HeadingSearch = HeadingSearch()
     coarse: GaussNewton = GaussNewton(sigma_cells=1.5, num_iterations=5)
     medium: GaussNewton = GaussNewton(sigma_cells=2.0, num_iterations=5)
     fine: GaussNewton = GaussNewton(sigma_cells=1.5, num_iterations=5)
@@ -52,27 +52,7 @@ class MatchedProposal(AbstractProposal):
     prior_rotation: float | Float[Array, ""] = 0.1
     lost_below: float | Float[Array, ""] = 0.5
     min_valid_beams: float | Float[Array, ""] = 5.0
-    turn_reach: float | Float[Array, ""] = 3.0
-    turn_sigma: float | Float[Array, ""] = 1.5
-    turn_score: float | Float[Array, ""] = 0.2
-    num_turns: int = eqx.field(static=True, default=21)
-    turn_beams: int = eqx.field(static=True, default=60)
-    turn_coarse: bool = eqx.field(static=True, default=True)
     max_beams: int = eqx.field(static=True, default=180)
-
-    def turn(self, field, ends, start, prior, heading):
-        spread = spread_beams(ends.valid.shape[0], self.turn_beams)
-        points, valid = ends.points[spread], ends.valid[spread]
-        sigma = jax.lax.rsqrt(prior.precision[2, 2])*jnp.sqrt(self.prior_rotation)
-        offsets = jnp.asarray(np.linspace(-1, 1, self.num_turns), jnp.float32) * self.turn_reach * sigma
-        poses = jnp.stack([jnp.full_like(offsets, start[0]), jnp.full_like(offsets, start[1]), heading + offsets], axis=-1)
-        level = field.coarse if self.turn_coarse else field.fine
-        def value(pose):
-            squared, unseen = level.look_up(se2.apply(pose, points))
-            on_map = jnp.exp(-0.5 * squared / (self.turn_sigma * level.resolution) ** 2)
-            return jnp.sum(jnp.where(valid, jnp.where(unseen, self.search.unseen_score, on_map), 0.0))
-        scores = jax.vmap(value)(poses)*self.turn_score*len(ends.valid)/len(spread) - 0.5*(offsets/sigma)**2
-        return poses[jnp.argmax(scores)]
 
     def sample(
         self,
@@ -83,7 +63,7 @@ class MatchedProposal(AbstractProposal):
         motion: AbstractMotionModel,
         sensor: AbstractSensorModel,
     ) -> Proposed:
-        """Draws, matches coarse to fine, searches if lost, and keeps the best of all that was seen."""
+        """Draws, looks round, matches, searches if lost, and keeps the best of all that was seen."""
         drawn = motion.sample(key, pose, inputs.odometry)
         scale = jnp.sqrt(jnp.asarray([self.prior_translation, self.prior_translation, self.prior_rotation]))
         precision = _precision(motion, inputs.odometry, drawn) * scale[:, None] * scale[None, :]
@@ -97,7 +77,9 @@ class MatchedProposal(AbstractProposal):
             near = self.medium.match(field.fine, ends, start, prior)
             return self.fine.match(field.fine, ends, near, prior)
 
-        turned = self.turn(field, ends, drawn, prior, se2.compose(pose, inputs.odometry.delta)[2])
+        predicted = se2.compose(pose, inputs.odometry.delta)
+        sigma = jnp.sqrt(motion.covariance(inputs.odometry)[2, 2])
+        turned = self.heading.search(field.coarse, ends, drawn[:2], predicted[2], sigma)
         matched = _best(score, drawn, refine(turned))
 
         def search(best: Float[Array, "3"]) -> Float[Array, "3"]:

@@ -54,7 +54,31 @@ class DistanceField(eqx.Module):
     def _far(self) -> float:
         return self.radius * self.radius + 1.0
 
-    def interpolate(
+    def across(
+        self, points: Float[Array, "B 2"], normals: Float[Array, "B 2"]
+    ) -> tuple[Float[Array, "B"], Float[Array, "B"], Float[Array, "B 2"]]:
+        """How far the points lie from the nearest obstacle, across the walls that they belong to.
+
+        Past the end of a wall that the map does not know yet, the nearest obstacle lies along the wall and
+        would draw the scan back; across it, there is nothing to correct.
+
+        Args:
+            points: `[B, 2]` metres, world frame.
+            normals: `[B, 2]` unit vectors across the walls, world frame; zero where not known.
+
+        Returns:
+            Distance `[B]`, signed distance across `[B]` and the direction `[B, 2]` in which the latter grows
+            by its own length: the normal, or where that is not known the way from the obstacle. In cells,
+            interpolated between cell centres.
+        """
+        distance, slope_x, slope_y = self._interpolate(points[:, 0], points[:, 1])
+        x, y = normals[:, 0], normals[:, 1]
+        flat = (x != 0.0) | (y != 0.0)
+        cosine = jnp.where(flat, x * slope_x + y * slope_y, 1.0)
+        direction = jnp.stack([jnp.where(flat, x, slope_x), jnp.where(flat, y, slope_y)], axis=-1)
+        return distance, distance * cosine, direction
+
+    def _interpolate(
         self, x: Float[Array, "B"], y: Float[Array, "B"]
     ) -> tuple[Float[Array, "B"], Float[Array, "B"], Float[Array, "B"]]:
         """Distance in cells and its slopes (cells per cell) at the points, bilinear between cell centres."""

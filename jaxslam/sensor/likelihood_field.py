@@ -14,12 +14,17 @@ from jaxslam.types import LidarScan
 class LikelihoodField(AbstractSensorModel):
     r"""Log-likelihood $\beta \sum_k \log(z_{hit} e^{-d_k^2 / 2\sigma^2} + z_{rand})$ over the valid beams.
 
+    $d_k$ is measured across the wall that the beam's neighbours show, and straight where they show none. A
+    beam that ends where the map knows nothing counts as the mean of the others: new ground speaks neither
+    for a pose nor against it.
+
     Attributes:
         sigma_hit: spread of end points around obstacles, metres.
         z_hit: weight of the beams that saw the map.
         z_rand: weight of those that saw something else.
-        z_unseen: density of a beam that ends where the map knows nothing yet, as a share of the best: at
-            the average of a beam on a good match, new ground speaks neither for a pose nor against it.
+        z_unseen: density of a beam that is taken to end where the map knows nothing, as a share of the
+            best, if no other beam tells.
+        unseen_beams: how many beams of that density weigh in before the others decide.
         beam_weight: β, what one beam counts for against independent ones: neighbouring beams see the
             same wall, and the error of a map is common to them.
         max_beams: beams that are scored, evenly spread over the scan (static).
@@ -32,28 +37,25 @@ class LikelihoodField(AbstractSensorModel):
     z_hit: float | Float[Array, ""] = 0.95
     z_rand: float | Float[Array, ""] = 0.05
     z_unseen: float | Float[Array, ""] = 0.5
+    unseen_beams: float | Float[Array, ""] = 10.0
     beam_weight: float | Float[Array, ""] = 0.05
-    num_neutral: float | Float[Array, ""] = 10.0
     max_beams: int = eqx.field(static=True, default=180)
 
     def log_prob(self, field: Field, scan: LidarScan, pose: Float[Array, "3"]) -> Float[Array, ""]:
         """Scalar, natural log; 0 is the best there is (every beam on an obstacle)."""
         ends = scan_points(scan, self.max_beams)
-        points = se2.apply(pose, ends.points)
+        points, normals = se2.apply(pose, ends.points), se2.rotate_all(pose[2], ends.normals)
         _, unseen = field.fine.look_up(points)
-        distance, slope_x, slope_y = field.fine.interpolate(points[:, 0], points[:, 1])
-        cos, sin = jnp.cos(pose[2]), jnp.sin(pose[2])
-        normal_x = cos * ends.normals[:, 0] - sin * ends.normals[:, 1]
-        normal_y = sin * ends.normals[:, 0] + cos * ends.normals[:, 1]
-        flat = (ends.normals[:, 0] != 0.0) | (ends.normals[:, 1] != 0.0)
-        far = distance > field.fine.radius - 0.5
-        across = jnp.where(flat & ~far, normal_x * slope_x + normal_y * slope_y, 1.0)
-        squared = (distance * across * field.fine.resolution)**2
+        distance, across, _ = field.fine.across(points, normals)
+        # Where the distance is cut off, so is the way to the obstacle.
+        cut_off = distance > field.fine.radius - 0.5
+        cells = jnp.where(cut_off, distance, across)
+        squared = cells * cells * (field.fine.resolution * field.fine.resolution)
         density = self.z_hit * jnp.exp(-0.5 * squared / self.sigma_hit**2) + self.z_rand
-        density = density / (self.z_hit + self.z_rand)
-        seen = ends.valid & ~unseen
-        total = jnp.sum(jnp.where(seen, jnp.log(density), 0.0))
-        num = jnp.sum(ends.valid, dtype=jnp.float32)
-        shrink = self.num_neutral
-        total = (total + shrink * jnp.log(self.z_unseen)) * num / (jnp.sum(seen, dtype=jnp.float32) + shrink)
-        return self.beam_weight * total
+        log_density = jnp.log(density / (self.z_hit + self.z_rand))
+        seen, new = ends.valid & ~unseen, ends.valid & unseen
+        total = jnp.sum(jnp.where(seen, log_density, 0.0))
+        mean = (total + self.unseen_beams * jnp.log(self.z_unseen)) / (
+            jnp.sum(seen, dtype=jnp.float32) + self.unseen_beams
+        )
+        return self.beam_weight * (total + jnp.sum(new, dtype=jnp.float32) * mean)

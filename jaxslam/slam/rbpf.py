@@ -7,9 +7,17 @@ from jaxtyping import Array, Bool, Float, Int, Int8, PRNGKeyArray
 
 from jaxslam import se2
 from jaxslam.flags import Flag
-from jaxslam.grid.occupancy import OccupancyModel, add_scan, is_occupied, range_table
+from jaxslam.grid.occupancy import OccupancyModel, add_scan, cells_from_lidar, is_occupied, range_table
 from jaxslam.grid.spec import GridSpec
-from jaxslam.grid.window import copy_maps, read_windows, window_origin, window_start, write_windows
+from jaxslam.grid.window import (
+    copy_maps,
+    inside_window,
+    read_windows,
+    shift_to_scan,
+    window_origin,
+    window_start,
+    write_windows,
+)
 from jaxslam.lidar.beams import scan_points
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.once import computed_once
@@ -72,7 +80,8 @@ class RBPF(eqx.Module):
         occupancy: what a scan adds to a map.
         usable_range: longer returns only clear the space before them, metres.
         num_particles: N (static).
-        window_size: cells along a side of the window around the lidar, divisible by 4 (static).
+        window_size: cells along a side of the window that a step works on, divisible by 4 (static): around
+            the lidar where that holds all it sees, else ahead of it.
         radius: truncation of the distance field, cells (static).
     """
 
@@ -100,16 +109,16 @@ class RBPF(eqx.Module):
     def step(self, key: PRNGKeyArray, state: RBPFState, inputs: StepInputs) -> tuple[RBPFState, StepInfo]:
         """Propose, weigh, update the maps, resample."""
         key_propose, key_resample = jax.random.split(key)
-        clearing = self._shortened(inputs.scan)
-        inputs = eqx.tree_at(lambda i: i.scan, inputs, self._within_range(inputs.scan))
+        shift, clearing, scan = self._view(state, inputs)
+        inputs = eqx.tree_at(lambda i: i.scan, inputs, scan)
 
-        fields = self._fields(state, inputs)
+        fields = self._fields(state, inputs, shift)
         proposed = self._propose(key_propose, state, inputs, fields)
         log_likelihood = jax.vmap(self.sensor.log_prob, (0, None, 0))(fields, inputs.scan, proposed.pose)
         log_weights = state.log_weights + log_likelihood + proposed.log_ratio
         finite = jnp.isfinite(log_weights)
         log_weights = normalise(jnp.where(finite, log_weights, -jnp.inf))
-        maps, off_map = self._update_maps(state.maps, proposed.pose, inputs.scan, clearing)
+        maps, off_map = self._update_maps(state.maps, proposed.pose, scan, clearing, shift)
         resampling = self.resampling(key_resample, log_weights)
         ancestors = keep_survivors_in_place(resampling.ancestors)
 
@@ -134,23 +143,36 @@ class RBPF(eqx.Module):
         )
         return state, info
 
-    def _shortened(self, scan: LidarScan) -> LidarScan:
-        """The scan with the returns beyond the usable range moved to it: they clear space up to there."""
+    def _view(self, state: RBPFState, inputs: StepInputs) -> tuple[Int[Array, "2"], LidarScan, LidarScan]:
+        """Where the windows lie from the lidar, and the scan twice.
+
+        Returns:
+            Rows and columns from the lidar to the windows' centre; the scan with the returns beyond the
+            usable range moved to it, which clear space up to there; and the scan without those returns and
+            without those off the windows: what is matched, weighed and mapped.
+        """
+        scan = inputs.scan
         reach = jnp.asarray(self.usable_range, jnp.float32)
-        return eqx.tree_at(lambda s: s.ranges, scan, jnp.minimum(scan.ranges, reach))
+        clearing = eqx.tree_at(lambda s: s.ranges, scan, jnp.minimum(scan.ranges, reach))
+        # One view for all particles: their headings differ by little.
+        best = state.poses[jnp.argmax(state.log_weights)]
+        heading = best[2] + inputs.odometry.delta[2] + scan.pose_base_lidar[2]
+        bearings = scan.angles() + jnp.where(jnp.isfinite(heading), heading, 0.0)
+        ends = clearing.ranges[:, None] * jnp.stack([jnp.cos(bearings), jnp.sin(bearings)], axis=-1)
+        ends = jnp.where(scan.valid[:, None], ends, 0.0)
+        shift = shift_to_scan(ends, self.grid.resolution, self.window_size)
+        seen = scan.valid & (scan.ranges < reach)
+        seen = seen & inside_window(ends, self.grid.resolution, self.window_size, shift)
+        return shift, clearing, eqx.tree_at(lambda s: s.valid, scan, seen)
 
-    def _within_range(self, scan: LidarScan) -> LidarScan:
-        """The scan without the returns beyond the usable range: what is matched, weighed and mapped."""
-        return eqx.tree_at(lambda s: s.valid, scan, scan.valid & (scan.ranges < self.usable_range))
-
-    def _fields(self, state: RBPFState, inputs: StepInputs) -> Field:
-        """Each particle's map around where the odometry alone puts its lidar, prepared."""
+    def _fields(self, state: RBPFState, inputs: StepInputs, shift: Int[Array, "2"]) -> Field:
+        """Each particle's map around what its lidar sees from where the odometry alone puts it, prepared."""
         shape = (window_rows(self.window_size, self.radius), self.window_size)
 
         def start(pose: Float[Array, "3"]) -> Int[Array, "2"]:
             predicted = se2.compose(pose, inputs.odometry.delta)
             lidar = se2.compose(predicted, inputs.scan.pose_base_lidar)
-            return window_start(self.grid, lidar[:2], shape)[0]
+            return window_start(self.grid, lidar[:2], shape, shift)[0]
 
         starts = jax.vmap(start)(state.poses)
         windows = read_windows(state.maps, starts, shape)
@@ -180,14 +202,16 @@ class RBPF(eqx.Module):
         poses: Float[Array, "N 3"],
         scan: LidarScan,
         clearing: LidarScan,
+        shift: Int[Array, "2"],
     ) -> tuple[Int8[Array, "N H W"], Bool[Array, "N"]]:
         shape = (self.window_size, self.window_size)
-        table = range_table(clearing, self.grid.resolution, self.window_size // 2 - 2)
+        table = range_table(clearing, self.grid.resolution, 2 * self.window_size)
+        around = cells_from_lidar(self.window_size, shift)
         ends = scan_points(scan)
         # The heading of a particle would otherwise be computed again for each cell of its window.
         poses = computed_once(lambda poses: poses + 0.0, poses)
         lidar = jax.vmap(se2.compose, (0, None))(poses, scan.pose_base_lidar)
-        starts, off_map = jax.vmap(lambda pose: window_start(self.grid, pose[:2], shape))(lidar)
+        starts, off_map = jax.vmap(lambda pose: window_start(self.grid, pose[:2], shape, shift))(lidar)
 
         def update(
             window: Int8[Array, "S S"],
@@ -196,7 +220,9 @@ class RBPF(eqx.Module):
             heading: Float[Array, ""],
         ) -> Int8[Array, "S S"]:
             cells = jnp.floor(self.grid.cells(se2.apply(pose, ends.points))).astype(jnp.int32)
-            return add_scan(self.occupancy, window, table, cells[:, ::-1] - start[None], ends.valid, heading)
+            return add_scan(
+                self.occupancy, window, table, around, cells[:, ::-1] - start[None], ends.valid, heading
+            )
 
         windows = read_windows(maps, starts, shape)
         windows = jax.vmap(update)(windows, starts, poses, lidar[:, 2])

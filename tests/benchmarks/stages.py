@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxslam import se2
-from jaxslam.grid.occupancy import add_scan, is_occupied, range_table
+from jaxslam.grid.occupancy import add_scan, cells_from_lidar, is_occupied, range_table
 from jaxslam.grid.window import copy_maps, read_windows, window_origin, window_start, write_windows
 from jaxslam.lidar.beams import scan_points
 from jaxslam.matching.gauss_newton import GaussNewton, PosePrior
@@ -90,13 +90,14 @@ def integrate(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
     starts = _starts(slam, state, shape)
 
     def integrate_all(windows, poses, starts, inputs, slam):
-        table = range_table(inputs.scan, slam.grid.resolution, slam.window_size // 2 - 2)
+        table = range_table(inputs.scan, slam.grid.resolution, 2 * slam.window_size)
+        around = cells_from_lidar(slam.window_size, AROUND)
         ends = scan_points(inputs.scan)
 
         def one(window, pose, start):
             cells = jnp.floor(slam.grid.cells(se2.apply(pose, ends.points))).astype(jnp.int32)
             hits = cells[:, ::-1] - start[None]
-            return add_scan(slam.occupancy, window, table, hits, ends.valid, pose[2])
+            return add_scan(slam.occupancy, window, table, around, hits, ends.valid, pose[2])
 
         return jax.vmap(one)(windows, poses, starts)
 
@@ -133,6 +134,9 @@ def step(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
     return Stage(take, (jax.tree.map(jnp.copy, state), slam, jax.random.key(4), inputs), in_place=True)
 
 
+AROUND = jnp.zeros(2, jnp.int32)
+"""The window in the middle, as for a lidar that sees no farther."""
+
 STAGES = {
     "read windows": read,
     "distance field": distance_field,
@@ -151,7 +155,7 @@ def _field_shape(slam: RBPF) -> tuple[int, int]:
 
 
 def _starts(slam: RBPF, state: RBPFState, shape: tuple[int, int]) -> jax.Array:
-    return jax.vmap(lambda pose: window_start(slam.grid, pose[:2], shape)[0])(state.poses)
+    return jax.vmap(lambda pose: window_start(slam.grid, pose[:2], shape, AROUND)[0])(state.poses)
 
 
 def _fields(slam: RBPF, state: RBPFState, inputs: StepInputs):

@@ -237,6 +237,7 @@ def test_robot_off_the_map_names_the_flag(log_file, capsys, tmp_path):
         "--out",
         str(tmp_path),
         *SMALL[:3],
+        "map.margin_share=0",
         "--map-margin",
         "0",
         "--method",

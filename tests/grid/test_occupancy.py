@@ -5,7 +5,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.grid import OccupancyModel, add_scan, is_occupied, probability, quantise, range_table
+from jaxslam.grid import (
+    OccupancyModel,
+    add_scan,
+    cells_from_lidar,
+    is_occupied,
+    probability,
+    quantise,
+    range_table,
+)
 from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT, NUM_BEARINGS
 from jaxslam.types import LidarScan
 
@@ -37,9 +45,11 @@ def beam_ends(scan, heading, resolution=RESOLUTION, size=SIZE):
 
 
 @jax.jit
-def integrate(model, window, scan, hits, heading, resolution):
+def integrate(model, window, scan, hits, heading, resolution, shift=None):
     table = range_table(scan, resolution, window.shape[0] // 2)
-    return add_scan(model, window, table, hits, scan.valid, heading)
+    shift = jnp.zeros(2, jnp.int32) if shift is None else shift
+    cells = cells_from_lidar(window.shape[0], shift)
+    return add_scan(model, window, table, cells, hits, scan.valid, heading)
 
 
 def added(scan, heading=0.0, window=None, resolution=RESOLUTION, size=SIZE, model=MODEL):
@@ -225,3 +235,21 @@ def test_fixed_point():
     maps = jnp.asarray([[0, 10, 11, -50]], jnp.int8)
     np.testing.assert_array_equal(is_occupied(MODEL, maps), [[False, False, True, False]])
     np.testing.assert_allclose(probability(maps)[0], 1 / (1 + np.exp([0.0, -0.5, -0.55, 2.5])), rtol=1e-6)
+
+
+def test_a_window_ahead_of_the_lidar_gets_the_same_cells():
+    """What two windows share, they agree about: one around the lidar, one shifted by rows and columns."""
+    scan, shift = random_scan(11), np.array([7, -12])
+    window = jnp.zeros((SIZE, SIZE), jnp.int8)
+    hits = beam_ends(scan, 0.3)
+    around, ahead = (
+        np.asarray(
+            integrate(
+                MODEL, window, scan, jnp.asarray(hits - by, jnp.int32), jnp.float32(0.3),
+                jnp.float32(RESOLUTION), jnp.asarray(by, jnp.int32),
+            )
+        )
+        for by in (np.zeros(2, int), shift)
+    )  # fmt: skip
+    assert np.abs(ahead).max() > 0
+    np.testing.assert_array_equal(around[7:, :-12], ahead[:-7, 12:])

@@ -5,10 +5,23 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.grid import GridSpec, copy_maps, read_windows, window_origin, window_start, write_windows
+from jaxslam.grid import (
+    GridSpec,
+    copy_maps,
+    inside_window,
+    read_windows,
+    shift_to_scan,
+    window_origin,
+    window_start,
+    write_windows,
+)
 
 SPEC = GridSpec(jnp.float32(0.5), jnp.asarray([-2.0, 1.0], jnp.float32), height=12, width=16)
-start_of = jax.jit(window_start, static_argnums=2)
+jitted_start = jax.jit(window_start, static_argnums=2)
+
+
+def start_of(spec, position, shape, shift=(0, 0)):
+    return jitted_start(spec, position, shape, jnp.asarray(shift, jnp.int32))
 
 
 def maps_of(count):
@@ -64,3 +77,30 @@ def test_every_slot_gets_its_ancestors_map(ancestors):
     maps, ancestors = maps_of(5), np.asarray(ancestors, np.int32)
     copied = jax.jit(copy_maps)(maps, jnp.asarray(ancestors))
     np.testing.assert_array_equal(copied, np.asarray(maps)[ancestors])
+
+
+def shift_of(ends, size=100):
+    return np.asarray(jax.jit(shift_to_scan, static_argnums=2)(jnp.asarray(ends), jnp.float32(0.1), size))
+
+
+def test_a_window_that_holds_the_scan_stays_around_the_lidar():
+    np.testing.assert_array_equal(shift_of([[4.0, -3.0], [-2.0, 4.5]]), [0, 0])
+
+
+def test_a_window_lies_ahead_of_a_lidar_that_sees_farther():
+    # Ends from 0 to 8 m along x in a window that reaches 5 m: its middle lies 4 m ahead, kept to 3 m so
+    # that the lidar stays 20 cells from the edge. Along y all fits.
+    np.testing.assert_array_equal(shift_of([[8.0, -1.0], [0.0, 1.0]]), [0, 30])
+    np.testing.assert_array_equal(shift_of([[-1.0, 2.0], [1.0, -6.0]]), [-20, 0])
+
+
+def test_a_window_start_is_moved_by_the_shift():
+    position = jnp.asarray([2.1, 4.2], jnp.float32)
+    np.testing.assert_array_equal(start_of(SPEC, position, (4, 6), (1, -2))[0], [5, 3])
+
+
+def test_ends_off_the_window_do_not_count():
+    ends, shift = jnp.asarray([[8.0, 0.0], [0.0, 0.0], [-1.9, 0.0], [0.0, 4.8]]), jnp.asarray([0, 30])
+    inside = jax.jit(inside_window, static_argnums=2)(ends, jnp.float32(0.1), 100, shift)
+    # From −2 m + 4 cells to 8 m − 4 cells along x, and ±5 m less 4 cells along y.
+    np.testing.assert_array_equal(inside, [False, True, False, False])

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.lidar import ScanPoints
-from jaxslam.matching import CorrelativeSearch, GaussNewton, PosePrior
+from jaxslam.lidar import ScanPoints, surface_normals
+from jaxslam.matching import CorrelativeSearch, GaussNewton, HeadingSearch, PosePrior
 from jaxslam.sensor import field_of_map
 
 RESOLUTION = 0.1
@@ -34,7 +34,8 @@ def ranges(pose, half_sides=ROOM, box=BOX):
 def ends_of(reach, valid=None) -> ScanPoints:
     points = reach[:, None] * np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=-1)
     valid = np.ones(len(ANGLES), bool) if valid is None else valid
-    return ScanPoints(jnp.asarray(points * valid[:, None], jnp.float32), jnp.asarray(valid))
+    points, valid = jnp.asarray(points * valid[:, None], jnp.float32), jnp.asarray(valid)
+    return ScanPoints(points, valid, surface_normals(points, valid))
 
 
 @functools.cache
@@ -165,3 +166,43 @@ def test_beams_without_return_pull_nothing():
     start = jnp.asarray([0.9, 0.9, 0.1], jnp.float32)
     found = match(GaussNewton(), room_field().fine, blind, start, prior_of(start))
     np.testing.assert_allclose(found, start, atol=1e-6)
+
+
+@pytest.mark.parametrize("error", [-0.5, -0.2, 0.0, 0.3, 0.55])
+def test_a_look_round_finds_the_heading(error):
+    searcher = jax.jit(HeadingSearch.search)
+    found = searcher(
+        HeadingSearch(), room_field().coarse, ends_of(ranges(TRUE_POSE)), jnp.asarray(TRUE_POSE[:2]),
+        jnp.float32(TRUE_POSE[2] + error), jnp.float32(0.2),
+    )  # fmt: skip
+    np.testing.assert_allclose(found[:2], TRUE_POSE[:2], atol=1e-6)
+    # Headings are 0.06 rad apart, and cells of 0.4 m blur neighbours together.
+    assert abs(float(found[2]) - TRUE_POSE[2]) < 0.1
+
+
+def test_a_look_round_without_a_map_keeps_the_prediction():
+    found = jax.jit(HeadingSearch.search)(
+        HeadingSearch(), room_field("none").coarse, ends_of(ranges(TRUE_POSE)), jnp.zeros(2),
+        jnp.float32(3.0), jnp.float32(0.2),
+    )  # fmt: skip
+    np.testing.assert_allclose(found, [0.0, 0.0, 3.0], atol=1e-6)
+
+
+def test_the_end_of_a_known_wall_draws_nothing_back():
+    """Beams that hit a wall past the part that the map knows: along it there is nothing to correct."""
+    occupied = np.zeros((61, 81), bool)
+    occupied[40, :45] = True
+    field = prepare(occupied)
+    # The wall lies at y = 1 m and is known up to x = 0.4 m; the scan sees it from −1 to 1.4 m.
+    points = jnp.asarray(np.stack([np.arange(-1.0, 1.4, 0.1), np.full(24, 1.0)], axis=-1), jnp.float32)
+    valid = jnp.ones(24, bool)
+    start = jnp.asarray([0.0, 0.08, 0.0], jnp.float32)
+    matcher, prior = GaussNewton(num_iterations=10), prior_of(start, (1.0, 0.0, 0.0))
+    across = match(
+        matcher, field.fine, ScanPoints(points, valid, surface_normals(points, valid)), start, prior
+    )
+    assert abs(float(across[0])) < 1e-3
+    np.testing.assert_allclose(across[1:], [0.0, 0.0], atol=0.02)
+    # Without the normals the last points go to the wall's end.
+    straight = match(matcher, field.fine, ScanPoints(points, valid, jnp.zeros((24, 2))), start, prior)
+    assert float(straight[0]) < -0.02

@@ -1,0 +1,61 @@
+"""Which way the walls face that a scan saw, from its own neighbouring end points."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+_REACH = 4
+"""Neighbours looked at on either side."""
+_NEAR = 0.3
+"""Neighbours within this distance are taken for the same wall, metres."""
+_LONGEST_GAP = 1.5
+"""The adjoining ones count farther off too, as along a far wall, if both lie about as far: up to here."""
+_LARGEST_RATIO = 2.0
+"""And if one gap is less than so many times the other: a jump in depth is no wall."""
+_FLATNESS = 0.1
+"""Largest spread across a wall, as a share of that along it."""
+
+
+def surface_normals(points: Float[Array, "B 2"], valid: Bool[Array, "B"]) -> Float[Array, "B 2"]:
+    """Unit vector across the wall at each end point, of either sign.
+
+    The lesser principal axis of the point's neighbourhood.
+
+    Args:
+        points: `[B, 2]` metres, in the order of the beams.
+        valid: `[B]` which of them are returns.
+
+    Returns:
+        `[B, 2]`; zero where fewer than three points make a neighbourhood, or where that is not flat.
+    """
+    num_beams = points.shape[0]
+    step = points[1:] - points[:-1]
+    gap = jnp.where(valid[1:] & valid[:-1], jnp.hypot(step[:, 0], step[:, 1]), jnp.inf)
+    before, after = (
+        jnp.pad(gap, (1, 0), constant_values=jnp.inf),
+        jnp.pad(gap, (0, 1), constant_values=jnp.inf),
+    )
+    shorter, longer = jnp.minimum(before, after), jnp.maximum(before, after)
+    far_wall = (longer < _LARGEST_RATIO * shorter) & (longer < _LONGEST_GAP)
+
+    zero = jnp.zeros(num_beams, jnp.float32)
+    count, x, y, xx, xy, yy = zero, zero, zero, zero, zero, zero
+    for offset in range(-_REACH, _REACH + 1):
+        index = jnp.arange(num_beams, dtype=jnp.int32) + offset
+        there = valid & jnp.roll(valid, -offset) & (index >= 0) & (index < num_beams)
+        across, up = (jnp.roll(points, -offset, axis=0) - points).T
+        near = across * across + up * up < _NEAR * _NEAR
+        if abs(offset) == 1:
+            near = near | far_wall
+        weight = (there & near).astype(jnp.float32)
+        count, x, y = count + weight, x + weight * across, y + weight * up
+        xx, xy, yy = xx + weight * across * across, xy + weight * across * up, yy + weight * up * up
+
+    mean_x, mean_y = x / jnp.maximum(count, 1.0), y / jnp.maximum(count, 1.0)
+    xx, xy, yy = xx - x * mean_x, xy - x * mean_y, yy - y * mean_y
+    # Half the sum and half the difference of the eigenvalues.
+    half_sum, half_difference = 0.5 * (xx + yy), jnp.hypot(0.5 * (xx - yy), xy)
+    smaller, larger = half_sum - half_difference, half_sum + half_difference
+    flat = (count >= 3) & (smaller < _FLATNESS * _FLATNESS * larger)
+    along = 0.5 * jnp.arctan2(2 * xy, xx - yy)
+    normals = jnp.stack([-jnp.sin(along), jnp.cos(along)], axis=-1)
+    return jnp.where(flat[:, None], normals, 0.0)

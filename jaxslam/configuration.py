@@ -81,7 +81,7 @@ class MapSettings(eqx.Module):
         margin_share: and so much more per metre of the path's longer side: a heading that drifts turns it.
         window: side of the square that a step works on, metres, if the usable range is not shorter. It lies
             around the lidar, and ahead of one that sees farther.
-        radius: truncation of the distance field, cells, 1 to 15 (static).
+        radius: truncation of the distance field, cells, 1 to 10 (static).
     """
 
     resolution: Number = 0.05

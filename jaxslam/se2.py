@@ -67,6 +67,5 @@ def relative(
 
 def apply(pose_a_b: Float[Array, "3"], points_b: Float[Array, "*points 2"]) -> Float[Array, "*points 2"]:
     """Moves points `[..., 2]` given in frame `b` into frame `a`."""
-    cos, sin = jnp.cos(pose_a_b[2]), jnp.sin(pose_a_b[2])
-    x, y = points_b[..., 0], points_b[..., 1]
-    return jnp.stack([cos * x - sin * y + pose_a_b[0], sin * x + cos * y + pose_a_b[1]], axis=-1)
+    turned = rotate_all(pose_a_b[2], points_b)
+    return jnp.stack([turned[..., 0] + pose_a_b[0], turned[..., 1] + pose_a_b[1]], axis=-1)

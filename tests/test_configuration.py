@@ -97,7 +97,7 @@ def test_every_setting_is_explained():
 
 def test_toml_carries_the_units():
     lines = toml.dumps(Configuration()).splitlines()
-    assert "metres" in lines[lines.index("usable_range = 8.0") - 1]
+    assert "metres" in lines[lines.index("usable_range = 16.0") - 1]
 
 
 @pytest.mark.parametrize("name", ["sensor.sigma_hit", "sigma_hit"])

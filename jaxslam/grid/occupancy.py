@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int, Int8, Int16
 from jaxslam.once import computed_once
 from jaxslam.types import LidarScan
 
-LOG_ODDS_PER_UNIT = 0.05
+LOG_ODDS_PER_UNIT = 0.15
 NUM_BEARINGS = 2048
 """Entries of a scan's range table. At 16 m one entry subtends one 5 cm cell. A power of two."""
 
@@ -23,15 +23,17 @@ class OccupancyModel(eqx.Module):
 
     Attributes:
         hit: added where a beam ended, natural log-odds.
-        miss: added where a beam passed, natural log-odds (negative).
-        limit: log-odds are clamped to ±limit, so that a map can still change its mind; ≤ 6.3.
+        miss: added where a beam passed, natural log-odds (negative). A ninth of `hit`: a cell stays an
+            obstacle while a tenth of the beams that reach it end there, since those that graze a wall or
+            are a little off their way wipe out what they pass.
+        limit: log-odds are clamped to ±limit, so that a map can still change its mind; ≤ 19.
         occupied_above: cells over this are obstacles to the matcher and the sensor model, log-odds.
     """
 
-    hit: float | Float[Array, ""] = 0.9
-    miss: float | Float[Array, ""] = -0.4
-    limit: float | Float[Array, ""] = 5.0
-    occupied_above: float | Float[Array, ""] = 0.5
+    hit: float | Float[Array, ""] = 2.7
+    miss: float | Float[Array, ""] = -0.3
+    limit: float | Float[Array, ""] = 15.0
+    occupied_above: float | Float[Array, ""] = 1.5
 
 
 def quantise(log_odds: float | Float[Array, ""]) -> Int8[Array, ""]:

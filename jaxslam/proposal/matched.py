@@ -33,6 +33,8 @@ class MatchedProposal(AbstractProposal):
         search: wider search, run where fewer than `lost_below` of the beams meet the map.
         prior_translation: what the motion model's precision in position counts for in the match.
         prior_rotation: and its precision in heading.
+        prior_score: what that prior counts for where candidates are compared: the sensor model counts a
+            beam for less than the match does.
         lost_below: share of valid beams near an obstacle, or where the map knows nothing, under which the
             match is not trusted.
         min_valid_beams: with fewer the pose is the motion model's draw.
@@ -50,6 +52,7 @@ class MatchedProposal(AbstractProposal):
     search: CorrelativeSearch = CorrelativeSearch()
     prior_translation: float | Float[Array, ""] = 0.1
     prior_rotation: float | Float[Array, ""] = 0.1
+    prior_score: float | Float[Array, ""] = 0.3
     lost_below: float | Float[Array, ""] = 0.5
     min_valid_beams: float | Float[Array, ""] = 5.0
     max_beams: int = eqx.field(static=True, default=180)
@@ -71,7 +74,7 @@ class MatchedProposal(AbstractProposal):
         ends = scan_points(inputs.scan, self.max_beams)
 
         def score(candidate: Float[Array, "3"]) -> Float[Array, ""]:
-            return sensor.log_prob(field, inputs.scan, candidate) + prior.log_prob(candidate)
+            return sensor.log_prob(field, inputs.scan, candidate) + self.prior_score * prior.log_prob(candidate)
 
         def refine(start: Float[Array, "3"]) -> Float[Array, "3"]:
             near = self.medium.match(field.fine, ends, start, prior)

@@ -50,7 +50,7 @@ class Beam(AbstractSensorModel):
     z_max: float | Float[Array, ""] = 0.05
     z_rand: float | Float[Array, ""] = 0.1
     lambda_short: float | Float[Array, ""] = 0.1
-    beam_weight: float | Float[Array, ""] = 0.05
+    beam_weight: float | Float[Array, ""] = 0.015
     max_beams: int = eqx.field(static=True, default=60)
 
     def __check_init__(self):

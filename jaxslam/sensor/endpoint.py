@@ -42,7 +42,7 @@ class Endpoint(AbstractSensorModel):
 
     sigma_hit: float | Float[Array, ""] = 0.1
     log_miss: float | Float[Array, ""] = -2.0
-    beam_weight: float | Float[Array, ""] = 0.05
+    beam_weight: float | Float[Array, ""] = 0.015
     kernel: int = eqx.field(static=True, default=1)
     max_beams: int = eqx.field(static=True, default=180)
 

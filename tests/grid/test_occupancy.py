@@ -17,7 +17,7 @@ from jaxslam.grid import (
 from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT, NUM_BEARINGS
 from jaxslam.types import LidarScan
 
-MODEL = OccupancyModel(hit=0.9, miss=-0.4, limit=5.0, occupied_above=0.5)
+MODEL = OccupancyModel(hit=2.7, miss=-1.2, limit=15.0, occupied_above=1.5)
 HIT, MISS, LIMIT = 18, -8, 100
 SIZE, RESOLUTION = 61, 0.1
 ENTRY = 2 * np.pi / NUM_BEARINGS
@@ -229,7 +229,7 @@ def test_range_table_by_hand():
 
 
 def test_fixed_point():
-    assert int(quantise(0.9)) == round(0.9 / LOG_ODDS_PER_UNIT) == HIT
+    assert int(quantise(2.7)) == round(2.7 / LOG_ODDS_PER_UNIT) == HIT
     assert int(quantise(1000.0)) == 127
     assert int(quantise(-1000.0)) == -127
     maps = jnp.asarray([[0, 10, 11, -50]], jnp.int8)

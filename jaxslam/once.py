@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import jax
+import jax.numpy as jnp
 from jaxtyping import Array
 
 T = TypeVar("T")
@@ -18,7 +19,8 @@ def computed_once(function: Callable[[T], Array], operand: T) -> Array:
     is the cheapest wall there is, some 2 µs.
     """
     result = jax.eval_shape(function, operand)
-    empty = jax.lax.empty(result.shape, result.dtype)
+    # Not `lax.empty`: it is one per member of a batch, and `function` would run for each.
+    empty = jnp.zeros(result.shape, result.dtype)
 
     def trip(index: Array, found: Array) -> Array:
         return jax.lax.cond(index == 0, lambda: function(operand), lambda: found)

@@ -142,12 +142,18 @@ def add_scan(
     index = (cells.bearing - shift) & jnp.int16(NUM_BEARINGS - 1)
     free_until = table.free_until.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
     free = cells.distance + jnp.int16(2) <= free_until
-    change = jnp.where(free, quantise(model.miss), jnp.int8(0))
     # An index past the end is dropped; one before the beginning would wrap round.
     row = jnp.where(valid & jnp.all(hits >= 0, axis=1), hits[:, 0], size)
-    change = change.at[row, hits[:, 1]].set(quantise(model.hit), mode="drop")
+    before = window.at[row, hits[:, 1]].get(mode="fill", fill_value=0)
+    cleared = _add(model, window, jnp.where(free, quantise(model.miss), jnp.int8(0)))
+    return cleared.at[row, hits[:, 1]].set(_add(model, before, quantise(model.hit)), mode="drop")
+
+
+def _add(
+    model: OccupancyModel, log_odds: Int8[Array, "*shape"], change: Int8[Array, "..."]
+) -> Int8[Array, "*shape"]:
     limit = quantise(model.limit).astype(jnp.int16)
-    total = window.astype(jnp.int16) + change.astype(jnp.int16)
+    total = log_odds.astype(jnp.int16) + change.astype(jnp.int16)
     return jnp.clip(total, -limit, limit).astype(jnp.int8)
 
 

@@ -234,7 +234,7 @@ def test_fixed_point():
     assert int(quantise(-1000.0)) == -127
     maps = jnp.asarray([[0, 10, 11, -50]], jnp.int8)
     np.testing.assert_array_equal(is_occupied(MODEL, maps), [[False, False, True, False]])
-    np.testing.assert_allclose(probability(maps)[0], 1 / (1 + np.exp([0.0, -0.5, -0.55, 2.5])), rtol=1e-6)
+    np.testing.assert_allclose(probability(maps)[0], 1 / (1 + np.exp([0.0, -1.5, -1.65, 7.5])), rtol=1e-6)
 
 
 def test_a_window_ahead_of_the_lidar_gets_the_same_cells():

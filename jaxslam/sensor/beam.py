@@ -32,7 +32,8 @@ class Beam(AbstractSensorModel):
         z_max: weight of no return.
         z_rand: weight of readings that nothing explains, > 0: it keeps one beam from ruling a pose out.
         lambda_short: λ, how fast unmapped obstacles thin out with distance, 1/m, > 0.
-        beam_weight: β, what one beam counts for against independent ones, as in `LikelihoodField`.
+        beam_weight: β, what one beam counts for against independent ones: neighbouring beams see the same
+            wall, and the error of a map is common to all.
         max_beams: beams that are scored, evenly spread over the scan (static).
 
     References:
@@ -50,7 +51,7 @@ class Beam(AbstractSensorModel):
     z_max: float | Float[Array, ""] = 0.05
     z_rand: float | Float[Array, ""] = 0.1
     lambda_short: float | Float[Array, ""] = 0.1
-    beam_weight: float | Float[Array, ""] = 0.015
+    beam_weight: float | Float[Array, ""] = 0.08
     max_beams: int = eqx.field(static=True, default=60)
 
     def __check_init__(self):

@@ -28,7 +28,8 @@ class Endpoint(AbstractSensorModel):
     Attributes:
         sigma_hit: σ, spread of end points around obstacles, metres.
         log_miss: what a beam without an obstacle counts, and the least that any counts, nats, ≤ 0.
-        beam_weight: β, what one beam counts for against independent ones, as in `LikelihoodField`.
+        beam_weight: β, what one beam counts for against independent ones: neighbouring beams see the same
+            wall, and the error of a map is common to all.
         kernel: rows and columns searched on every side of the end point's cell, ≥ 0 (static).
         max_beams: beams that are scored, evenly spread over the scan (static).
 
@@ -42,7 +43,7 @@ class Endpoint(AbstractSensorModel):
 
     sigma_hit: float | Float[Array, ""] = 0.1
     log_miss: float | Float[Array, ""] = -2.0
-    beam_weight: float | Float[Array, ""] = 0.015
+    beam_weight: float | Float[Array, ""] = 0.03
     kernel: int = eqx.field(static=True, default=1)
     max_beams: int = eqx.field(static=True, default=180)
 

@@ -19,7 +19,10 @@ every_proposal = pytest.mark.parametrize("proposal", PROPOSALS.values(), ids=PRO
 POSE = jnp.asarray([0.2, -0.3, 0.4], jnp.float32)
 DELTA = jnp.asarray([0.3, 0.0, 0.1], jnp.float32)
 TRUTH = np.asarray(se2.compose(POSE, DELTA), np.float64)
-MOTION, SENSOR = OdometryMotion(), LikelihoodField(sigma_hit=0.05, beam_weight=0.5, max_beams=NUM_BEAMS)
+MOTION, SENSOR = (
+    OdometryMotion(),
+    LikelihoodField(sigma_hit=0.05, independent_beams=0.5 * NUM_BEAMS, max_beams=NUM_BEAMS),
+)
 
 
 def make_field():

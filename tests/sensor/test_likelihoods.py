@@ -39,14 +39,14 @@ def value(model, field, scan, pose=POSE):
     return float(log_prob(model, field, scan, jnp.asarray(pose, jnp.float32)))
 
 
-# (map, ranges of the beams ahead and to the left, expected) for σ = 0.1 and one beam counting as one.
-LIKELIHOOD_FIELD = LikelihoodField(sigma_hit=0.1, z_hit=0.9, z_rand=0.1, beam_weight=1.0)
+# (map, ranges of the beams ahead and to the left, expected) for σ = 0.1 and a scan counting as one beam.
+LIKELIHOOD_FIELD = LikelihoodField(0.1, z_hit=0.9, z_rand=0.1, unseen_beams=0.0, independent_beams=1.0)
 LIKELIHOOD_FIELD_CASES = {
     "on the obstacle": ([(2, 4)], [0.2, 0.0], 0.0),
     "one cell short": ([(2, 4)], [0.1, 0.0], np.log(0.9 * np.exp(-0.5) + 0.1)),
-    "one cell across": ([(2, 4), (4, 1)], [0.2, 0.2], np.log(0.9 * np.exp(-0.5) + 0.1)),
+    "one cell across": ([(2, 4), (4, 1)], [0.2, 0.2], 0.5 * np.log(0.9 * np.exp(-0.5) + 0.1)),
     # Nothing near: the truncated distance, √10 cells for a radius of 3.
-    "nothing near": ([], [0.1, 0.2], 2 * np.log(0.9 * np.exp(-5.0) + 0.1)),
+    "nothing near": ([], [0.1, 0.2], np.log(0.9 * np.exp(-5.0) + 0.1)),
 }
 
 
@@ -56,10 +56,22 @@ def test_likelihood_field_by_hand(case):
     assert value(LIKELIHOOD_FIELD, field_of(cells), scan_of(ranges)) == pytest.approx(expected, abs=1e-5)
 
 
-def test_likelihood_field_counts_beams_by_their_weight():
-    halved = LikelihoodField(sigma_hit=0.1, z_hit=0.9, z_rand=0.1, beam_weight=0.5)
-    assert value(halved, field_of([(2, 4)]), scan_of([0.1, 0.0])) == pytest.approx(
-        0.5 * np.log(0.9 * np.exp(-0.5) + 0.1), abs=1e-5
+def test_likelihood_field_counts_a_scan_as_so_many_beams():
+    threefold = LikelihoodField(0.1, z_hit=0.9, z_rand=0.1, unseen_beams=0.0, independent_beams=3.0)
+    assert value(threefold, field_of([(2, 4)]), scan_of([0.1, 0.0])) == pytest.approx(
+        3 * np.log(0.9 * np.exp(-0.5) + 0.1), abs=1e-5
+    )
+
+
+def test_likelihood_field_without_a_beam_tells_nothing():
+    assert value(LIKELIHOOD_FIELD, field_of([(2, 4)]), scan_of([0.0, 0.0])) == 0.0
+    # One beam of the density `z_unseen` beside one a cell short.
+    doubtful = LikelihoodField(
+        0.1, z_hit=0.9, z_rand=0.1, z_unseen=0.5, unseen_beams=1.0, independent_beams=1.0
+    )
+    assert value(doubtful, field_of([(2, 4)]), scan_of([0.0, 0.0])) == pytest.approx(np.log(0.5), abs=1e-5)
+    assert value(doubtful, field_of([(2, 4)]), scan_of([0.1, 0.0])) == pytest.approx(
+        0.5 * (np.log(0.9 * np.exp(-0.5) + 0.1) + np.log(0.5)), abs=1e-5
     )
 
 

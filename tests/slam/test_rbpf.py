@@ -29,7 +29,7 @@ def filter_of(proposal="motion", threshold=0.5, num_particles=NUM_PARTICLES) -> 
     return RBPF(
         grid=GridSpec.covering(-side, side, 0.1),
         motion=OdometryMotion(),
-        sensor=LikelihoodField(max_beams=NUM_BEAMS, beam_weight=0.5),
+        sensor=LikelihoodField(max_beams=NUM_BEAMS, independent_beams=0.5 * NUM_BEAMS),
         proposal=PROPOSALS[proposal],
         resampling=AdaptiveResampling(SystematicResampler(), threshold),
         occupancy=OccupancyModel(),

@@ -54,7 +54,7 @@ class GaussNewton(eqx.Module):
 
     sigma_cells: float | Float[Array, ""] = 1.75
     residual_scale: float | Float[Array, ""] = 0.1
-    point_weight: float | Float[Array, ""] = 0.1
+    point_weight: float | Float[Array, ""] = 0.2
     half_range: float | Float[Array, ""] = 8.0
     max_step_cells: float | Float[Array, ""] = 4.0
     max_step_rotation: float | Float[Array, ""] = 0.1

@@ -38,8 +38,8 @@ class MatchedProposal(AbstractProposal):
         lost_below: share of valid beams near an obstacle, or where the map knows nothing, under which the
             match is not trusted.
         min_valid_beams: with fewer the pose is the motion model's draw.
-        max_beams: beams used for matching, evenly spread over the scan (static): half of those of a scan of
-            361 made its errors half as large again.
+        max_beams: beams used for matching, evenly spread over the scan (static): half of them made
+            long corridors worse.
 
     References:
         Grisetti et al. 2007, section III (mode by scan matching; weight: the likelihood at the mode, as

@@ -15,6 +15,7 @@ from jaxslam.grid.occupancy import OccupancyModel
 from jaxslam.grid.spec import GridSpec
 from jaxslam.inputs import Thinning
 from jaxslam.io.log import SensorLog
+from jaxslam.io.sweep import SweepTiming, at_rest, sweep_timing
 from jaxslam.motion import AbstractMotionModel, OdometryMotion
 from jaxslam.presets import PRESETS, LidarPreset
 from jaxslam.proposal.base import AbstractProposal
@@ -44,24 +45,32 @@ def _require(module: eqx.Module, name: str, holds: Callable[[float], bool], want
 
 
 class LidarSettings(eqx.Module):
-    """The ranges of the lidar.
+    """The ranges of the lidar, and when its beams are taken.
 
     Attributes:
         name: the preset they are from (static).
         usable_range: longer returns only clear the space before them, metres.
         min_range: shorter readings are no return, metres.
         max_range: readings at or over it are no return, metres.
+        turn_time: of a whole turn, for logs that do not say when within a scan its beams were taken,
+            seconds; 0: all at once.
+        max_lag: how far the scans' stamps may be off the odometry's, which is estimated, seconds; 0 takes
+            them as they are.
     """
 
     name: str = eqx.field(static=True)
     usable_range: Number
     min_range: Number
     max_range: Number
+    turn_time: Number = 0.0
+    max_lag: Number = 0.5
 
     def __check_init__(self):
         _require(self, "usable_range", lambda value: value > 0, "a number of metres above 0")
         _require(self, "min_range", lambda value: value >= 0, "a number of metres, 0 or more")
         _require(self, "max_range", lambda value: value > 0, "a number of metres above 0")
+        _require(self, "turn_time", lambda value: value >= 0, "a number of seconds, 0 or more")
+        _require(self, "max_lag", lambda value: value >= 0, "a number of seconds, 0 or more")
         low, high = self.min_range, self.max_range
         if isinstance(low, float) and isinstance(high, float) and not low < high:
             raise ValueError(f"lidar.min_range is {low} m and lidar.max_range {high} m: exchange them")
@@ -69,7 +78,7 @@ class LidarSettings(eqx.Module):
     @classmethod
     def of(cls, preset: LidarPreset) -> "LidarSettings":
         """The settings of a preset."""
-        return cls(preset.name, preset.usable_range, preset.min_range, preset.max_range)
+        return cls(preset.name, preset.usable_range, preset.min_range, preset.max_range, preset.turn_time)
 
 
 class MapSettings(eqx.Module):
@@ -195,11 +204,20 @@ def build(configuration: Configuration, odometry_bounds: Float64[np.ndarray, "2 
     )
 
 
-def within_lidar_range(log: SensorLog, lidar: LidarSettings) -> SensorLog:
-    """The log with readings outside of the lidar's interval turned into "no return" (NaN).
+def correct_scans(log: SensorLog, lidar: LidarSettings) -> tuple[SensorLog, SweepTiming | None]:
+    """The log with its scans as a lidar at rest, that reports what it can see, would have taken them.
 
-    Drivers often state a far larger maximum than the sensor has and pass its ghosts on.
+    Returns:
+        The log with readings outside of the lidar's interval turned into "no return" (NaN) and the robot's
+        motion during a scan taken out; and what that was found from, None where the log cannot tell.
     """
+    log = _within_range(log, lidar)
+    timing = sweep_timing(log, float(lidar.turn_time), float(lidar.max_lag))
+    return (log if timing is None else at_rest(log, timing)), timing
+
+
+def _within_range(log: SensorLog, lidar: LidarSettings) -> SensorLog:
+    """Drivers often state a far larger maximum than the sensor has and pass its ghosts on."""
     if log.scans is None:
         return log
     ranges = log.scans.ranges

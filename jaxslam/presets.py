@@ -26,6 +26,7 @@ class LidarPreset:
         num_beams: beams that its scans have.
         field_of_view: radians.
         rate: scans per second.
+        turn_time: of a whole turn, over which the beams of a scan are taken one by one, seconds.
     """
 
     name: str
@@ -36,6 +37,7 @@ class LidarPreset:
     num_beams: tuple[int, ...]
     field_of_view: float
     rate: float
+    turn_time: float
 
 
 # Ranges, beams and rates: the makers' data sheets. The SICK reaches 80 m, but at 16 m its beams are 28 cm
@@ -43,11 +45,11 @@ class LidarPreset:
 PRESETS: dict[str, LidarPreset] = {
     preset.name: preset
     for preset in (
-        LidarPreset("sick", 16.0, 0.05, 80.0, (8.0, 80.0), (180, 181, 360, 361), math.pi, 37.5),
-        LidarPreset("urg-04lx", 5.5, 0.02, 5.6, (4.0, 5.6), (682, 683), math.radians(240), 10.0),
-        LidarPreset("rplidar-a1", 6.0, 0.15, 6.0, (6.0, 12.0), (360,), 2 * math.pi, 5.5),
-        LidarPreset("lds-01", 3.5, 0.12, 3.5, (3.5,), (360,), 2 * math.pi, 5.0),
-        LidarPreset("lds-02", 8.0, 0.16, 8.0, (8.0,), (240, 260), 2 * math.pi, 9.0),
+        LidarPreset("sick", 16.0, 0.05, 80.0, (8.0, 80.0), (180, 181, 360, 361), math.pi, 37.5, 1 / 75),
+        LidarPreset("urg-04lx", 5.5, 0.02, 5.6, (4.0, 5.6), (682, 683), math.radians(240), 10.0, 0.1),
+        LidarPreset("rplidar-a1", 6.0, 0.15, 6.0, (6.0, 12.0), (360,), 2 * math.pi, 5.5, 1 / 5.5),
+        LidarPreset("lds-01", 3.5, 0.12, 3.5, (3.5,), (360,), 2 * math.pi, 5.0, 0.2),
+        LidarPreset("lds-02", 8.0, 0.16, 8.0, (8.0,), (240, 260), 2 * math.pi, 9.0, 1 / 9),
     )
 }
 
@@ -121,4 +123,5 @@ def _generic(scans: ScanTrack) -> LidarPreset:
         num_beams=(num_beams,),
         field_of_view=increment * num_beams,
         rate=1.0,
+        turn_time=0.0,
     )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxslam import toml
-from jaxslam.configuration import METHODS, Configuration, LidarSettings, build, within_lidar_range
+from jaxslam.configuration import METHODS, Configuration, LidarSettings, build, correct_scans
 from jaxslam.inputs import Thinning
 from jaxslam.io import LogError, read_log
 from jaxslam.io.log import ScanTrack, SensorLog
@@ -331,7 +331,7 @@ def test_readings_outside_of_the_interval_are_no_return():
     log = _log(4, 180, 9.0, 1.0)  # readings 0.01, 3.0067, 6.0033, 9 m
     lidar = LidarSettings("x", 3.5, 0.05, 6.0)
     assert log.scans is not None
-    kept = within_lidar_range(log, lidar).scans
+    kept = correct_scans(log, lidar)[0].scans
     assert kept is not None
     np.testing.assert_array_equal(np.isfinite(kept.ranges[0]), [False, True, False, False])
     assert np.isfinite(log.scans.ranges).all()

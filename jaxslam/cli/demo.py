@@ -11,7 +11,7 @@ from jaxtyping import Float64, Int8
 from jaxslam.cli.arguments import Demo
 from jaxslam.cli.effective import effective_configuration
 from jaxslam.cli.mapping import check_seed, map_log, print_summary
-from jaxslam.configuration import build, within_lidar_range
+from jaxslam.configuration import build, correct_scans
 from jaxslam.grid.spec import GridSpec
 from jaxslam.inputs import prepare_inputs
 from jaxslam.io import SensorLog, compose_poses, invert_poses
@@ -45,7 +45,7 @@ def execute(command: Demo, arguments: list[str]) -> None:
     # Another key than the filter's, which knows nothing of the simulator's noise.
     key = jax.random.fold_in(jax.random.key(command.seed), 1)
     simulation = simulate(key, world, waypoints, duration=DURATION)
-    log = within_lidar_range(_in_world_frame(simulation, command.world), configuration.lidar)
+    log, _ = correct_scans(_in_world_frame(simulation, command.world), configuration.lidar)
     prepared = prepare_inputs(log, configuration.thinning)
     result = map_log(
         build(configuration, prepared.odometry_bounds),

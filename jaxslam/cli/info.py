@@ -1,6 +1,8 @@
 """`jaxslam info LOG`."""
 
 from jaxslam.cli.arguments import Info
+from jaxslam.cli.mapping import describe_timing
+from jaxslam.configuration import LidarSettings, correct_scans
 from jaxslam.io import read_log, summarise
 from jaxslam.presets import detect_lidar
 
@@ -15,4 +17,8 @@ def execute(command: Info, arguments: list[str]) -> None:
     )
     print(summarise(log))
     if log.scans is not None and len(log.scans.stamps):
-        print(f"lidar preset  {detect_lidar(log).name}")
+        preset = detect_lidar(log)
+        print(f"lidar preset  {preset.name}")
+        _, timing = correct_scans(log, LidarSettings.of(preset))
+        if stamped := describe_timing(timing):
+            print(f"scans         {stamped}")

@@ -9,6 +9,7 @@ import jax
 
 from jaxslam.configuration import Configuration
 from jaxslam.inputs import PreparedInputs
+from jaxslam.io.sweep import SweepTiming
 from jaxslam.run import RunResult, Snapshot, run_log
 from jaxslam.slam.rbpf import RBPF
 from jaxslam.viz.animation import MapFrame, animate_map
@@ -26,6 +27,17 @@ def warn(lines: Iterable[str]) -> None:
     """Prints warnings, one line each, to stderr."""
     for line in lines:
         print(f"jaxslam: warning: {' '.join(line.split())}", file=sys.stderr)
+
+
+def describe_timing(timing: SweepTiming | None) -> str:
+    """What a user should know of the scans' stamps; empty where they agree with the odometry's."""
+    if timing is None or timing.lag is None:
+        return ""
+    late = "late" if timing.lag.seconds < 0 else "early"
+    return (
+        f"stamped {abs(timing.lag.seconds):.2f} s {late}: the scans' turning follows the odometry's best "
+        f"there (correlation {timing.lag.correlation:.2f})"
+    )
 
 
 def map_log(slam: RBPF, prepared: PreparedInputs, seed: int, *, gif: Path | None) -> RunResult:
@@ -62,6 +74,7 @@ def print_summary(
     configuration: Configuration,
     metrics: Mapping[str, Any],
     lidar: str,
+    timing: SweepTiming | None = None,
 ) -> None:
     """Prints what a user wants to know first, on stdout."""
     height, width = result.log_odds.shape
@@ -74,6 +87,8 @@ def print_summary(
         "scans": f"{metrics['scans_processed']} processed of {metrics['scans_in']}",
         "time": f"{metrics['ms_per_scan']:.2f} ms per scan, compilation {metrics['compile_s']:.1f} s apart",
     }
+    if stamped := describe_timing(timing):
+        lines["stamps"] = f"{stamped}; corrected"
     if relations := metrics.get("relations"):
         lines["relations"] = (
             f"{relations['trans_mean_m']:.4f} ± {relations['trans_std_m']:.4f} m, max "

@@ -1,11 +1,12 @@
 """`jaxslam run LOG`."""
 
+import dataclasses
 import shlex
 
 from jaxslam.cli.arguments import Run
 from jaxslam.cli.effective import effective_configuration
 from jaxslam.cli.mapping import check_seed, map_log, print_summary, warn
-from jaxslam.configuration import build, within_lidar_range
+from jaxslam.configuration import build, correct_scans
 from jaxslam.inputs import prepare_inputs
 from jaxslam.io import SensorLog, read_log, read_relations, read_tum
 from jaxslam.presets import detect_lidar
@@ -34,7 +35,7 @@ def execute(command: Run, arguments: list[str]) -> None:
         assignments=command.set,
         detect=lambda: detect_lidar(log),
     )
-    log = within_lidar_range(log, configuration.lidar)
+    log, timing = correct_scans(log, configuration.lidar)
     prepared = prepare_inputs(log, configuration.thinning)
     # Everything that can be wrong is read before the filter spends its minutes.
     measure = _measures(command, log)
@@ -53,11 +54,13 @@ def execute(command: Run, arguments: list[str]) -> None:
             "command": shlex.join(["jaxslam", *arguments]),
             "log": {"path": str(command.log.resolve()), "sha256": file_sha256(command.log)},
             "versions": versions(),
+            "scan_timing": None if timing is None else dataclasses.asdict(timing),
         },
         accuracy=measure(result),
     )
     chosen = "given" if command.lidar or command.config else "chosen by the log's scans"
-    print_summary(folder, result, configuration, metrics, f"{configuration.lidar.name} ({chosen})")
+    lidar = f"{configuration.lidar.name} ({chosen})"
+    print_summary(folder, result, configuration, metrics, lidar, timing)
 
 
 def _read(command: Run) -> SensorLog:

@@ -167,7 +167,15 @@ def scan_track(
         np.zeros(3) if mounting is None else mounting.pose,
         mounting is not None,
         topic,
+        _time_increment(contents),
     )
+
+
+def _time_increment(contents: Sequence[Any]) -> float:
+    """Seconds between beams; drivers that leave it at zero say that all are taken at once."""
+    increments = np.array([m.time_increment for m in contents], dtype=np.float64)
+    usual = float(np.median(increments[np.isfinite(increments)])) if np.isfinite(increments).any() else 0.0
+    return max(usual, 0.0)
 
 
 def _scan_geometry(

@@ -101,6 +101,8 @@ class ScanTrack:
         pose_base_lidar: `[3]` mounting of the lidar (m, m, rad).
         mounting_known: whether the log itself says how the lidar is mounted.
         topic: the topic or message name it was read from.
+        time_increment: seconds from one beam to the next, the first one at the stamp; None where the log
+            does not say when within a scan its beams were taken.
     """
 
     stamps: Float64[np.ndarray, "T"]
@@ -113,6 +115,7 @@ class ScanTrack:
     pose_base_lidar: Float64[np.ndarray, "3"]
     mounting_known: bool
     topic: str
+    time_increment: float | None = None
 
 
 @dataclass(frozen=True)

@@ -204,6 +204,7 @@ def _scan_track(simulation: Simulation, stamps: Float64[np.ndarray, "T"]) -> Sca
         pose_base_lidar=_host(scans.pose_base_lidar)[0],
         mounting_known=True,
         topic="scan",
+        time_increment=0.0,
     )
 
 

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxslam.configuration import Configuration, build, within_lidar_range
+from jaxslam.configuration import Configuration, build, correct_scans
 from jaxslam.inputs import PreparedInputs, prepare_inputs
 from jaxslam.run import run
 from jaxslam.sim import make_world, sick, simulate, to_log
@@ -27,7 +27,7 @@ def _prepared(configuration: Configuration) -> PreparedInputs:
     lidar = dataclasses.replace(sick(), num_beams=180)
     simulation = simulate(jax.random.key(1), world, waypoints, lidar=lidar, duration=DURATION)
     log = to_log(simulation, "benchmark")
-    return prepare_inputs(within_lidar_range(log, configuration.lidar), configuration.thinning)
+    return prepare_inputs(correct_scans(log, configuration.lidar)[0], configuration.thinning)
 
 
 @functools.cache

@@ -14,15 +14,9 @@ def computed_once(function: Callable[[T], Array], operand: T) -> Array:
     """`function(operand)`, written to memory before anything reads it.
 
     On the CPU, XLA fuses the computation of a table into the loop that looks entries up, and so repeats it
-    for every look-up (`lax.optimization_barrier` is dropped before fusion). What a loop carries is a
-    buffer, and what a branch computes stays in the branch: a loop of two trips whose second does nothing
-    is the cheapest wall there is, some 2 µs.
+    for every look-up. What a branch computes stays in the branch, and its result is a buffer. The barrier
+    hides that the branch is always taken; alone it would be of no use, since XLA drops it before it fuses.
     """
     result = jax.eval_shape(function, operand)
-    # Not `lax.empty`: it is one per member of a batch, and `function` would run for each.
-    empty = jnp.zeros(result.shape, result.dtype)
-
-    def trip(index: Array, found: Array) -> Array:
-        return jax.lax.cond(index == 0, lambda: function(operand), lambda: found)
-
-    return jax.lax.fori_loop(0, 2, trip, empty)
+    always = jax.lax.optimization_barrier(jnp.asarray(True))
+    return jax.lax.cond(always, function, lambda _: jnp.zeros(result.shape, result.dtype), operand)

@@ -1,7 +1,7 @@
 """Truncated distance transform of an occupancy window, in integers."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, UInt8
+from jaxtyping import Array, Bool, Int8, UInt8
 
 from jaxslam.once import computed_once
 
@@ -17,8 +17,8 @@ def squared_distance(occupied: Bool[Array, "H W"], radius: int) -> UInt8[Array, 
     """
     height, width = occupied.shape
     # Empty columns between the rows keep a flat shift from reaching into the neighbouring row.
-    padded = jnp.pad(occupied, ((margin_rows(radius),) * 2, (0, radius)))
-    return squared_distance_flat(padded, radius).reshape(height, width + radius)[:, :width]
+    padded = jnp.pad(occupied, ((margin_rows(radius),) * 2, (0, radius))).astype(jnp.int8)
+    return squared_distance_flat(padded, jnp.int8(0), radius).reshape(height, width + radius)[:, :width]
 
 
 def margin_rows(radius: int) -> int:
@@ -26,7 +26,9 @@ def margin_rows(radius: int) -> int:
     return radius + 1
 
 
-def squared_distance_flat(occupied: Bool[Array, "H W"], radius: int) -> UInt8[Array, "cells"]:
+def squared_distance_flat(
+    cells: Int8[Array, "H W"], occupied_above: Int8[Array, ""], radius: int
+) -> UInt8[Array, "cells"]:
     """As `squared_distance`, row after row, and cheaper: wrong within `radius` columns of the sides.
 
     There a distance may be taken to the neighbouring row's other end. The first and last
@@ -34,21 +36,27 @@ def squared_distance_flat(occupied: Bool[Array, "H W"], radius: int) -> UInt8[Ar
     `4 · radius` shifted reads of flat arrays and compiles to a few vector instructions per cell.
 
     Separable min-plus (lower envelope of parabolas), along the rows and then along the columns.
+
+    Args:
+        cells: `[H, W]`, those over `occupied_above` are occupied.
+        occupied_above: see there.
+        radius: of the truncation, cells (static).
     """
     if not 1 <= radius <= MAX_RADIUS:
         raise ValueError(f"radius is {radius} cells: choose 1 to {MAX_RADIUS}")
-    width = occupied.shape[1]
+    width = cells.shape[1]
 
-    def along_rows(occupied: Bool[Array, "H W"]) -> UInt8[Array, "rows"]:
+    def along_rows(cells: tuple[Int8[Array, "H W"], Int8[Array, ""]]) -> UInt8[Array, "rows"]:
+        values, occupied_above = cells
         far = jnp.uint8(radius * radius + 1)
-        seeds = jnp.where(occupied, jnp.uint8(0), far).reshape(-1)
+        seeds = jnp.where(values > occupied_above, jnp.uint8(0), far).reshape(-1)
         return _lower_envelope(seeds, seeds.shape[0] - 2 * width, radius, stride=1)
 
     def along_columns(rows: UInt8[Array, "rows"]) -> UInt8[Array, "cells"]:
         return _lower_envelope(rows, rows.shape[0] - 2 * radius * width, radius, stride=width)
 
     # Both once: fused, the first would be computed anew for every shift of the second.
-    return computed_once(along_columns, computed_once(along_rows, occupied))
+    return computed_once(along_columns, computed_once(along_rows, (cells, occupied_above)))
 
 
 def _lower_envelope(values: UInt8[Array, "n"], size: int, radius: int, stride: int) -> UInt8[Array, "size"]:

@@ -16,11 +16,13 @@ class Proposed(eqx.Module):
 
     Attributes:
         pose: `[3]` the new base pose (m, m, rad, world frame).
-        log_ratio: log p(x | x_prev, u) − log q(x), what the weight needs beside the sensor's likelihood.
+        log_likelihood: log p(z | x, m) by the sensor model at that pose, which most proposals look at anyway.
+        log_ratio: log p(x | x_prev, u) − log q(x), what the weight needs beside it.
         flags: `jaxslam.flags.Flag` bits, int32.
     """
 
     pose: Float[Array, "3"]
+    log_likelihood: Float[Array, ""]
     log_ratio: Float[Array, ""]
     flags: Int[Array, ""]
 

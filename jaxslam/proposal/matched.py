@@ -20,6 +20,14 @@ from jaxslam.sensor.field import Field
 from jaxslam.types import OdometryIncrement, StepInputs
 
 
+class _Candidate(eqx.Module):
+    """A pose that was looked at, its log-likelihood and what it scored with the prior."""
+
+    pose: Float[Array, "3"]
+    log_likelihood: Float[Array, ""]
+    score: Float[Array, ""]
+
+
 class MatchedProposal(AbstractProposal):
     """Mode of p(z | x, m) p(x | x_drawn), where x_drawn is a draw from the motion model.
 
@@ -73,10 +81,9 @@ class MatchedProposal(AbstractProposal):
         prior = PosePrior(drawn, precision)
         ends = scan_points(inputs.scan, self.max_beams)
 
-        def score(candidate: Float[Array, "3"]) -> Float[Array, ""]:
-            return sensor.log_prob(field, inputs.scan, candidate) + self.prior_score * prior.log_prob(
-                candidate
-            )
+        def candidate(pose: Float[Array, "3"]) -> _Candidate:
+            log_likelihood = sensor.log_prob(field, inputs.scan, pose)
+            return _Candidate(pose, log_likelihood, log_likelihood + self.prior_score * prior.log_prob(pose))
 
         def refine(start: Float[Array, "3"]) -> Float[Array, "3"]:
             return self.fine.match(field.fine, ends, start, prior)
@@ -84,17 +91,20 @@ class MatchedProposal(AbstractProposal):
         predicted = se2.compose(pose, inputs.odometry.delta)
         sigma = jnp.sqrt(motion.covariance(inputs.odometry)[2, 2])
         turned = self.heading.search(field.coarse, ends, drawn[:2], predicted[2], sigma)
-        matched = _best(score, drawn, refine(turned))
+        start = candidate(drawn)
+        matched = _better(start, candidate(refine(turned)))
 
-        def search(best: Float[Array, "3"]) -> Float[Array, "3"]:
+        def search(best: _Candidate) -> _Candidate:
             # From the carry and not from the draw: what does not change in a loop, XLA computes before it.
-            coarse = self.coarse.match(field.coarse, ends, best, prior)
-            found = self.search.search(field, ends, best, prior)
+            coarse = self.coarse.match(field.coarse, ends, best.pose, prior)
+            found = self.search.search(field, ends, best.pose, prior)
             # Both in one: every matcher more is a second of compilation.
-            refined = jax.vmap(refine)(jnp.stack([coarse, found]))
-            return _best(score, best, refined[0], refined[1])
+            refined = jax.vmap(lambda pose: candidate(refine(pose)))(jnp.stack([coarse, found]))
+            for other in (0, 1):
+                best = _better(best, jax.tree.map(lambda leaf, other=other: leaf[other], refined))
+            return best
 
-        squared, unseen = field.fine.look_up(se2.apply(matched, ends.points))
+        squared, unseen = field.fine.look_up(se2.apply(matched.pose, ends.points))
         explained = unseen | (squared < (field.fine.radius * field.fine.resolution) ** 2)
         num_valid = jnp.sum(ends.valid, dtype=jnp.float32)
         share = jnp.sum(ends.valid & explained, dtype=jnp.float32) / jnp.maximum(num_valid, 1.0)
@@ -104,7 +114,8 @@ class MatchedProposal(AbstractProposal):
         few = jnp.where(enough, 0, Flag.FEW_VALID_BEAMS.value)
         searched = jnp.where(lost, Flag.SEARCHED.value, 0)
         return Proposed(
-            pose=jnp.where(enough, matched, drawn),
+            pose=jnp.where(enough, matched.pose, drawn),
+            log_likelihood=jnp.where(enough, matched.log_likelihood, start.log_likelihood),
             log_ratio=jnp.zeros((), jnp.float32),
             flags=(few | searched).astype(jnp.int32),
         )
@@ -121,12 +132,7 @@ def _precision(
     return turn @ precision @ turn.T
 
 
-def _best(score, *candidates: Float[Array, "3"]) -> Float[Array, "3"]:
-    """The highest-scoring candidate, the first of equals; a NaN never wins."""
-    best, best_score = candidates[0], score(candidates[0])
-    for candidate in candidates[1:]:
-        value = score(candidate)
-        better = value > best_score
-        best = jnp.where(better, candidate, best)
-        best_score = jnp.where(better, value, best_score)
-    return best
+def _better(best: _Candidate, other: _Candidate) -> _Candidate:
+    """The higher-scoring of two, the first of equals; a NaN never wins."""
+    wins = other.score > best.score
+    return jax.tree.map(lambda new, old: jnp.where(wins, new, old), other, best)

@@ -22,6 +22,11 @@ class MotionProposal(AbstractProposal):
         motion: AbstractMotionModel,
         sensor: AbstractSensorModel,
     ) -> Proposed:
-        """Draws from the motion model; field and sensor are not looked at."""
+        """Draws from the motion model, whatever the scan says."""
         moved = motion.sample(key, pose, inputs.odometry)
-        return Proposed(moved, jnp.zeros((), jnp.float32), jnp.zeros((), jnp.int32))
+        return Proposed(
+            pose=moved,
+            log_likelihood=sensor.log_prob(field, inputs.scan, moved),
+            log_ratio=jnp.zeros((), jnp.float32),
+            flags=jnp.zeros((), jnp.int32),
+        )

@@ -2,7 +2,7 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, UInt8, UInt16
+from jaxtyping import Array, Bool, Float, Int, Int8, UInt8, UInt16
 
 from jaxslam.grid.distance import margin_rows, squared_distance_flat
 from jaxslam.once import computed_once
@@ -132,31 +132,33 @@ def window_rows(size: int, radius: int) -> int:
 
 
 def prepare_field(
-    occupied: Bool[Array, "rows size"],
+    window: Int8[Array, "rows size"],
+    occupied_above: Int8[Array, ""],
     origin: Float[Array, "2"],
     resolution: Float[Array, ""],
     radius: int,
-    unseen: Bool[Array, "rows size"] | None = None,
 ) -> Field:
-    """Distance fields of a window of `window_rows` rows whose lower-left corner is at `origin`.
+    """Distance fields of a window of `window_rows` rows.
 
-    `unseen` are the cells about which nothing is known; None where the map is complete.
+    Args:
+        window: log-odds in fixed point; 0 where nothing is known.
+        occupied_above: cells over this are obstacles.
+        origin: `[2]` world position of the window's lower-left corner, metres.
+        resolution: side of a cell, metres.
+        radius: truncation of the fine level, cells (static).
     """
-    rows, size = occupied.shape
+    rows, size = window.shape
     margin = margin_rows(radius)
     height = rows - 2 * margin
-    fine = squared_distance_flat(occupied, radius)
-    coarse = _coarsen(fine.reshape(height, size), radius)
-    if unseen is None:
-        unseen = jnp.zeros_like(occupied)
-    unseen = unseen[margin : rows - margin]
+    fine = squared_distance_flat(window, occupied_above, radius)
+    coarse = _coarsen(fine.reshape(height, size))
     half = COARSE_FACTOR // 2
-    coarse_unseen = unseen[half::COARSE_FACTOR, half::COARSE_FACTOR]
+    centres = window[margin + half : rows - margin : COARSE_FACTOR, half::COARSE_FACTOR]
     origin = origin + jnp.asarray([0.0, margin], jnp.float32) * resolution
     return Field(
-        fine=DistanceField(_pairs(fine, unseen), origin, resolution, height, size, radius),
+        fine=DistanceField(_pairs(fine, window, margin), origin, resolution, height, size, radius),
         coarse=DistanceField(
-            _pairs(coarse, coarse_unseen),
+            _pairs(coarse, centres, 0),
             origin,
             resolution * COARSE_FACTOR,
             height // COARSE_FACTOR,
@@ -166,7 +168,7 @@ def prepare_field(
     )
 
 
-def _coarsen(fine: UInt8[Array, "H W"], radius: int) -> UInt8[Array, "cells"]:
+def _coarsen(fine: UInt8[Array, "H W"]) -> UInt8[Array, "cells"]:
     """Squared distances in coarse cells, from every fourth row and column of the fine ones.
 
     No obstacle is missed: none is farther than half a coarse diagonal, 2.8 cells, from one of them.
@@ -174,18 +176,20 @@ def _coarsen(fine: UInt8[Array, "H W"], radius: int) -> UInt8[Array, "cells"]:
     centre = COARSE_FACTOR // 2
     sampled = fine[centre::COARSE_FACTOR, centre::COARSE_FACTOR]
     seeds = sampled <= jnp.uint8(centre * centre + centre * centre)
-    return squared_distance_flat(jnp.pad(seeds, ((margin_rows(COARSE_RADIUS),) * 2, (0, 0))), COARSE_RADIUS)
+    padded = jnp.pad(seeds, ((margin_rows(COARSE_RADIUS),) * 2, (0, 0))).astype(jnp.int8)
+    return squared_distance_flat(padded, jnp.int8(0), COARSE_RADIUS)
 
 
-def _pairs(squared: UInt8[Array, "cells"], unseen: Bool[Array, "H W"]) -> UInt16[Array, "cells"]:
-    """Each cell with its right neighbour.
+def _pairs(squared: UInt8[Array, "cells"], window: Int8[Array, "H W"], margin: int) -> UInt16[Array, "cells"]:
+    """Each cell with its right neighbour, marked where the window, off its outer `margin` rows, is unseen.
 
     The last cell of a row gets the next row's first, which no point uses.
     """
 
-    def pack(cells: tuple[UInt8[Array, "cells"], Bool[Array, "H W"]]) -> UInt16[Array, "cells"]:
-        squared, unseen = cells
+    def pack(cells: tuple[UInt8[Array, "cells"], Int8[Array, "H W"]]) -> UInt16[Array, "cells"]:
+        squared, window = cells
+        unseen = window[margin : window.shape[0] - margin] == 0
         marked = squared.astype(jnp.uint16) | (unseen.reshape(-1).astype(jnp.uint16) << jnp.uint16(7))
         return marked | (jnp.pad(marked[1:], (0, 1)) << jnp.uint16(8))
 
-    return computed_once(pack, (squared, unseen))
+    return computed_once(pack, (squared, window))

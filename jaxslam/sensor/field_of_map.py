@@ -36,5 +36,7 @@ def field_of_map(
     above = below + -height % COARSE_FACTOR
     margin = margin_rows(radius)
     padded = jnp.pad(occupied, ((below + margin, above + margin), (left, right)))
+    # A complete map: no cell is unseen.
+    log_odds = jnp.where(padded, jnp.int8(1), jnp.int8(-1))
     corner = origin - resolution * jnp.asarray([left, below + margin], jnp.float32)
-    return prepare_field(padded, corner, resolution, radius)
+    return prepare_field(log_odds, jnp.int8(0), corner, resolution, radius)

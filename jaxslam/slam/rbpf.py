@@ -7,7 +7,7 @@ from jaxtyping import Array, Bool, Float, Int, Int8, PRNGKeyArray
 
 from jaxslam import se2
 from jaxslam.flags import Flag
-from jaxslam.grid.occupancy import OccupancyModel, add_scan, cells_from_lidar, is_occupied, range_table
+from jaxslam.grid.occupancy import OccupancyModel, add_scan, cells_from_lidar, quantise, range_table
 from jaxslam.grid.spec import GridSpec
 from jaxslam.grid.window import (
     copy_maps,
@@ -114,8 +114,7 @@ class RBPF(eqx.Module):
 
         fields = self._fields(state, inputs, shift)
         proposed = self._propose(key_propose, state, inputs, fields)
-        log_likelihood = jax.vmap(self.sensor.log_prob, (0, None, 0))(fields, inputs.scan, proposed.pose)
-        log_weights = state.log_weights + log_likelihood + proposed.log_ratio
+        log_weights = state.log_weights + proposed.log_likelihood + proposed.log_ratio
         finite = jnp.isfinite(log_weights)
         log_weights = normalise(jnp.where(finite, log_weights, -jnp.inf))
         maps, off_map = self._update_maps(state.maps, proposed.pose, scan, clearing, shift)
@@ -177,8 +176,9 @@ class RBPF(eqx.Module):
         starts = jax.vmap(start)(state.poses)
         windows = read_windows(state.maps, starts, shape)
         origins = jax.vmap(window_origin, (None, 0))(self.grid, starts)
-        return jax.vmap(prepare_field, (0, 0, None, None, 0))(
-            is_occupied(self.occupancy, windows), origins, self.grid.resolution, self.radius, windows == 0
+        threshold = quantise(self.occupancy.occupied_above)
+        return jax.vmap(prepare_field, (0, None, 0, None, None))(
+            windows, threshold, origins, self.grid.resolution, self.radius
         )
 
     def _propose(self, key: PRNGKeyArray, state: RBPFState, inputs: StepInputs, fields: Field) -> Proposed:
@@ -194,7 +194,16 @@ class RBPF(eqx.Module):
         keep = (state.num_steps == 0) | ~finite
         poses = jnp.where(keep, predicted, proposed.pose)
         flags = proposed.flags | jnp.where(finite[:, 0], 0, Flag.NONFINITE_POSE.value)
-        return eqx.tree_at(lambda p: (p.pose, p.flags), proposed, (poses, flags.astype(jnp.int32)))
+        # One that was put back to the odometry counts as the least likely of the others.
+        least = jnp.min(jnp.where(finite[:, 0], proposed.log_likelihood, jnp.inf))
+        least = jnp.where(jnp.isfinite(least), least, 0.0)
+        log_likelihood = jnp.where(finite[:, 0], proposed.log_likelihood, least)
+        log_ratio = jnp.where(finite[:, 0], proposed.log_ratio, 0.0)
+        return eqx.tree_at(
+            lambda p: (p.pose, p.log_likelihood, p.log_ratio, p.flags),
+            proposed,
+            (poses, log_likelihood, log_ratio, flags.astype(jnp.int32)),
+        )
 
     def _update_maps(
         self,

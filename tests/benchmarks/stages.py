@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxslam import se2
-from jaxslam.grid.occupancy import add_scan, cells_from_lidar, is_occupied, range_table
+from jaxslam.grid.occupancy import add_scan, cells_from_lidar, quantise, range_table
 from jaxslam.grid.window import copy_maps, read_windows, window_origin, window_start, write_windows
 from jaxslam.lidar.beams import scan_points
 from jaxslam.matching.gauss_newton import GaussNewton, PosePrior
@@ -45,9 +45,8 @@ def distance_field(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
     origins = jax.vmap(window_origin, (None, 0))(slam.grid, starts)
 
     def prepare(windows, origins, slam):
-        occupied = is_occupied(slam.occupancy, windows)
-        return jax.vmap(prepare_field, (0, 0, None, None))(
-            occupied, origins, slam.grid.resolution, slam.radius
+        return jax.vmap(prepare_field, (0, None, 0, None, None))(
+            windows, quantise(slam.occupancy.occupied_above), origins, slam.grid.resolution, slam.radius
         )
 
     return Stage(prepare, (read_windows(state.maps, starts, shape), origins, slam))

@@ -12,7 +12,7 @@ from jaxslam.grid import squared_distance
 from jaxslam.grid.distance import MAX_RADIUS, margin_rows, squared_distance_flat
 
 transform = jax.jit(squared_distance, static_argnums=1)
-transform_flat = jax.jit(squared_distance_flat, static_argnums=1)
+transform_flat = jax.jit(squared_distance_flat, static_argnums=2)
 
 
 def truth(occupied, radius):
@@ -52,7 +52,9 @@ def test_flat_rows_are_right_but_for_the_documented_columns(radius):
     random = np.random.default_rng(5)
     margin, width = margin_rows(radius), 48
     occupied = random.random((20 + 2 * margin, width)) < 0.01
-    found = np.asarray(transform_flat(jnp.asarray(occupied), radius)).reshape(20, width)
+    found = np.asarray(transform_flat(jnp.asarray(occupied, jnp.int8), jnp.int8(0), radius)).reshape(
+        20, width
+    )
     # The margins are read, so the rows next to them see the obstacles there.
     expected = truth(occupied, radius)[margin:-margin]
     np.testing.assert_array_equal(found[:, radius:-radius], expected[:, radius:-radius])
@@ -68,4 +70,4 @@ def test_under_vmap_nothing_changes():
 @pytest.mark.parametrize("radius", [0, -1, MAX_RADIUS + 1])
 def test_radius_out_of_bounds_is_refused(radius):
     with pytest.raises(ValueError, match=f"radius is {radius} cells: choose 1 to 10"):
-        squared_distance_flat(jnp.zeros((30, 30), bool), radius)
+        squared_distance_flat(jnp.zeros((30, 30), jnp.int8), jnp.int8(0), radius)

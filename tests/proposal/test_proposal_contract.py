@@ -79,8 +79,16 @@ def test_outputs_are_strongly_typed(proposal):
     assert [(leaf.shape, leaf.dtype, leaf.weak_type) for leaf in jax.tree.leaves(proposed)] == [
         ((3,), jnp.float32, False),
         ((), jnp.float32, False),
+        ((), jnp.float32, False),
         ((), jnp.int32, False),
     ]
+
+
+@every_proposal
+def test_the_log_likelihood_is_the_sensor_models_at_the_pose(proposal):
+    proposed = sample(proposal, jax.random.key(3), POSE, inputs_of())
+    expected = SENSOR.log_prob(FIELD, inputs_of().scan, proposed.pose)
+    np.testing.assert_allclose(proposed.log_likelihood, expected, rtol=1e-5)
 
 
 @every_proposal

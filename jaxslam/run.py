@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Float32, Float64, Int, Int8, PRNGKeyArray
 
+from jaxslam.compiler import compiler_options
 from jaxslam.flags import Flag
 from jaxslam.grid.spec import GridSpec
 from jaxslam.inputs import PreparedInputs
@@ -84,6 +85,8 @@ def run(
 ) -> tuple[RBPFState, StepInfo]:
     """The whole log as one `lax.scan`: jit it, vmap it over keys or over the floats of `slam`.
 
+    On the CPU, `jax.jit(run, compiler_options=compiler_options())` is the faster by a quarter.
+
     Args:
         slam: the filter.
         key: PRNG key; step `t` uses `fold_in(key, t)`.
@@ -125,7 +128,7 @@ def run_log(
     pose0 = jnp.asarray(prepared.pose0, jnp.float32)
     state = jax.jit(RBPF.init)(slam, key, pose0)
     started = time.perf_counter()
-    advance = _advance.lower(slam, key, state, inputs, 0, 1).compile()
+    advance = _advance.lower(slam, key, state, inputs, 0, 1).compile(compiler_options())
     compile_s = time.perf_counter() - started
     run_s, bar = 0.0, _progress_bar(total) if progress else None
     for first in range(0, total, CHUNK):
@@ -167,9 +170,7 @@ def _advance(
         state, info = slam.step(jax.random.fold_in(key, state.num_steps), state, at(first + index))
         return state, jax.tree.map(lambda rows, row: rows.at[index].set(row), infos, info)
 
-    shapes = jax.eval_shape(lambda: slam.step(key, state, at(jnp.zeros((), jnp.int32))))[1]
-    infos = jax.tree.map(lambda leaf: jnp.zeros((CHUNK, *leaf.shape), leaf.dtype), shapes)
-    return jax.lax.fori_loop(0, count, step, (state, infos))
+    return jax.lax.fori_loop(0, count, step, (state, slam.blank_infos(CHUNK)))
 
 
 def _padded(inputs: StepInputs, total: int) -> StepInputs:

@@ -46,17 +46,20 @@ def squared_distance_flat(
         raise ValueError(f"radius is {radius} cells: choose 1 to {MAX_RADIUS}")
     width = cells.shape[1]
 
-    def along_rows(cells: tuple[Int8[Array, "H W"], Int8[Array, ""]]) -> UInt8[Array, "rows"]:
+    def seed(cells: tuple[Int8[Array, "H W"], Int8[Array, ""]]) -> UInt8[Array, "cells"]:
         values, occupied_above = cells
         far = jnp.uint8(radius * radius + 1)
-        seeds = jnp.where(values > occupied_above, jnp.uint8(0), far).reshape(-1)
+        return jnp.where(values > occupied_above, jnp.uint8(0), far).reshape(-1)
+
+    def along_rows(seeds: UInt8[Array, "cells"]) -> UInt8[Array, "rows"]:
         return _lower_envelope(seeds, seeds.shape[0] - 2 * width, radius, stride=1)
 
     def along_columns(rows: UInt8[Array, "rows"]) -> UInt8[Array, "cells"]:
         return _lower_envelope(rows, rows.shape[0] - 2 * radius * width, radius, stride=width)
 
-    # Both once: fused, the first would be computed anew for every shift of the second.
-    return computed_once(along_columns, computed_once(along_rows, (cells, occupied_above)))
+    # Each once: fused, one would be computed anew for every shift of the next.
+    seeds = computed_once(seed, (cells, occupied_above))
+    return computed_once(along_columns, computed_once(along_rows, seeds))
 
 
 def _lower_envelope(values: UInt8[Array, "n"], size: int, radius: int, stride: int) -> UInt8[Array, "size"]:

@@ -38,12 +38,12 @@ def scan_points(scan: LidarScan, max_beams: int | None = None) -> ScanPoints:
         angles, ranges, valid = angles[chosen], ranges[chosen], valid[chosen]
     ranges = jnp.where(valid, ranges, 0.0)
 
-    def place(polar: tuple[Array, Array, Array]) -> Float[Array, "B 4"]:
-        angle, reach, valid = polar
+    def place(polar: tuple[Array, Array]) -> Float[Array, "B 2"]:
+        angle, reach = polar
         points_lidar = jnp.stack([reach * jnp.cos(angle), reach * jnp.sin(angle)], axis=-1)
-        points = se2.apply(scan.pose_base_lidar, points_lidar)
-        return jnp.concatenate([points, surface_normals(points, valid)], axis=-1)
+        return se2.apply(scan.pose_base_lidar, points_lidar)
 
-    # Once per scan, not once per particle.
-    placed = computed_once(place, (angles, ranges, valid))
-    return ScanPoints(placed[:, :2], valid, placed[:, 2:])
+    # Once per scan, not once per particle; and a point not once for each of its neighbours' normals.
+    points = computed_once(place, (angles, ranges))
+    normals = computed_once(lambda ends: surface_normals(*ends), (points, valid))
+    return ScanPoints(points, valid, normals)

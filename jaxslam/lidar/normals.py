@@ -1,6 +1,7 @@
 """Which way the walls face that a scan saw, from its own neighbouring end points."""
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 _REACH = 4
@@ -37,18 +38,16 @@ def surface_normals(points: Float[Array, "B 2"], valid: Bool[Array, "B"]) -> Flo
     shorter, longer = jnp.minimum(before, after), jnp.maximum(before, after)
     far_wall = (longer < _LARGEST_RATIO * shorter) & (longer < _LONGEST_GAP)
 
-    zero = jnp.zeros(num_beams, jnp.float32)
-    count, x, y, xx, xy, yy = zero, zero, zero, zero, zero, zero
-    for offset in range(-_REACH, _REACH + 1):
-        index = jnp.arange(num_beams, dtype=jnp.int32) + offset
-        there = valid & jnp.roll(valid, -offset) & (index >= 0) & (index < num_beams)
-        across, up = (jnp.roll(points, -offset, axis=0) - points).T
-        near = across * across + up * up < _NEAR * _NEAR
-        if abs(offset) == 1:
-            near = near | far_wall
-        weight = (there & near).astype(jnp.float32)
-        count, x, y = count + weight, x + weight * across, y + weight * up
-        xx, xy, yy = xx + weight * across * across, xy + weight * across * up, yy + weight * up * up
+    offset = np.arange(-_REACH, _REACH + 1)[:, None]
+    neighbour = np.arange(num_beams)[None, :] + offset
+    inside = (neighbour >= 0) & (neighbour < num_beams)
+    index = np.clip(neighbour, 0, num_beams - 1)
+    across, up = jnp.moveaxis(points[index] - points[None], -1, 0)
+    near = across * across + up * up < _NEAR * _NEAR
+    near = near | ((np.abs(offset) == 1) & far_wall[None])
+    weight = (inside & valid[None] & valid[index] & near).astype(jnp.float32)
+    products = jnp.stack([jnp.ones_like(across), across, up, across * across, across * up, up * up])
+    count, x, y, xx, xy, yy = jnp.sum(weight[None] * products, axis=1)
 
     mean_x, mean_y = x / jnp.maximum(count, 1.0), y / jnp.maximum(count, 1.0)
     xx, xy, yy = xx - x * mean_x, xy - x * mean_y, yy - y * mean_y

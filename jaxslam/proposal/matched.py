@@ -91,18 +91,16 @@ class MatchedProposal(AbstractProposal):
         predicted = se2.compose(pose, inputs.odometry.delta)
         sigma = jnp.sqrt(motion.covariance(inputs.odometry)[2, 2])
         turned = self.heading.search(field.coarse, ends, drawn[:2], predicted[2], sigma)
-        start = candidate(drawn)
-        matched = _better(start, candidate(refine(turned)))
+        # In pairs: what is compiled once takes half as long to compile, and shares what the scan alone decides.
+        pair = jax.vmap(candidate)(jnp.stack([drawn, refine(turned)]))
+        start, matched = _member(pair, 0), _better(_member(pair, 0), _member(pair, 1))
 
         def search(best: _Candidate) -> _Candidate:
             # From the carry and not from the draw: what does not change in a loop, XLA computes before it.
             coarse = self.coarse.match(field.coarse, ends, best.pose, prior)
             found = self.search.search(field, ends, best.pose, prior)
-            # Both in one: every matcher more is a second of compilation.
-            refined = jax.vmap(lambda pose: candidate(refine(pose)))(jnp.stack([coarse, found]))
-            for other in (0, 1):
-                best = _better(best, jax.tree.map(lambda leaf, other=other: leaf[other], refined))
-            return best
+            pair = jax.vmap(lambda pose: candidate(refine(pose)))(jnp.stack([coarse, found]))
+            return _better(_better(best, _member(pair, 0)), _member(pair, 1))
 
         squared, unseen = field.fine.look_up(se2.apply(matched.pose, ends.points))
         explained = unseen | (squared < (field.fine.radius * field.fine.resolution) ** 2)
@@ -130,6 +128,10 @@ def _precision(
     one, zero = jnp.ones_like(cos), jnp.zeros_like(cos)
     turn = jnp.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one]).reshape(3, 3)
     return turn @ precision @ turn.T
+
+
+def _member(candidates: _Candidate, index: int) -> _Candidate:
+    return jax.tree.map(lambda leaf: leaf[index], candidates)
 
 
 def _better(best: _Candidate, other: _Candidate) -> _Candidate:

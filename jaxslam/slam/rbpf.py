@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, Int8, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, Int8, Key, PRNGKeyArray
 
 from jaxslam import se2
 from jaxslam.flags import Flag
@@ -47,7 +47,7 @@ class RBPFState(eqx.Module):
 
 
 class StepInfo(eqx.Module):
-    """What one step leaves for the record; all small, so that it can be stacked over a long log.
+    """What one step leaves for the record; all small, so that it can be stacked over a long log, `[T, ...]`.
 
     Attributes:
         poses: `[N, 3]` after the proposal and before resampling.
@@ -58,12 +58,12 @@ class StepInfo(eqx.Module):
         flags: `jaxslam.flags.Flag` bits of the whole step, int32.
     """
 
-    poses: Float[Array, "N 3"]
-    log_weights: Float[Array, "N"]
-    ancestors: Int[Array, "N"]
-    ess: Float[Array, ""]
-    resampled: Bool[Array, ""]
-    flags: Int[Array, ""]
+    poses: Float[Array, "*T N 3"]
+    log_weights: Float[Array, "*T N"]
+    ancestors: Int[Array, "*T N"]
+    ess: Float[Array, "*T"]
+    resampled: Bool[Array, "*T"]
+    flags: Int[Array, "*T"]
 
 
 class RBPF(eqx.Module):
@@ -106,19 +106,32 @@ class RBPF(eqx.Module):
             num_steps=jnp.zeros((), jnp.int32),
         )
 
+    def blank_infos(self, num_steps: int) -> StepInfo:
+        """Room for the infos of so many steps, stacked over time; zeros."""
+        rows = (num_steps, self.num_particles)
+        return StepInfo(
+            poses=jnp.zeros((*rows, 3), jnp.float32),
+            log_weights=jnp.zeros(rows, jnp.float32),
+            ancestors=jnp.zeros(rows, jnp.int32),
+            ess=jnp.zeros(num_steps, jnp.float32),
+            resampled=jnp.zeros(num_steps, bool),
+            flags=jnp.zeros(num_steps, jnp.int32),
+        )
+
     def step(self, key: PRNGKeyArray, state: RBPFState, inputs: StepInputs) -> tuple[RBPFState, StepInfo]:
         """Propose, weigh, update the maps, resample."""
-        key_propose, key_resample = jax.random.split(key)
+        # All at once: each further split costs as much as drawing all the noise.
+        keys = jax.random.split(key, self.num_particles + 1)
         shift, clearing, scan = self._view(state, inputs)
         inputs = eqx.tree_at(lambda i: i.scan, inputs, scan)
 
         fields = self._fields(state, inputs, shift)
-        proposed = self._propose(key_propose, state, inputs, fields)
+        proposed = self._propose(keys[:-1], state, inputs, fields)
         log_weights = state.log_weights + proposed.log_likelihood + proposed.log_ratio
         finite = jnp.isfinite(log_weights)
         log_weights = normalise(jnp.where(finite, log_weights, -jnp.inf))
         maps, off_map = self._update_maps(state.maps, proposed.pose, scan, clearing, shift)
-        resampling = self.resampling(key_resample, log_weights)
+        resampling = self.resampling(keys[-1], log_weights)
         ancestors = keep_survivors_in_place(resampling.ancestors)
 
         flags = (
@@ -181,8 +194,9 @@ class RBPF(eqx.Module):
             windows, threshold, origins, self.grid.resolution, self.radius
         )
 
-    def _propose(self, key: PRNGKeyArray, state: RBPFState, inputs: StepInputs, fields: Field) -> Proposed:
-        keys = jax.random.split(key, self.num_particles)
+    def _propose(
+        self, keys: Key[Array, "N"], state: RBPFState, inputs: StepInputs, fields: Field
+    ) -> Proposed:
         proposed = jax.vmap(self.proposal.sample, (0, 0, None, 0, None, None))(
             keys, state.poses, inputs, fields, self.motion, self.sensor
         )

@@ -4,12 +4,12 @@ import functools
 
 import jax
 
-_CPU_OPTIONS = {"xla_cpu_use_fusion_emitters": False}
+_CPU_OPTIONS: dict[str, str | bool] = {"xla_cpu_use_fusion_emitters": False}
 
 
 @functools.cache
-def compiler_options() -> dict[str, bool]:
-    """Options for `jax.jit(run, compiler_options=…)` with which a step takes about three quarters of the time.
+def compiler_options() -> dict[str, str | bool]:
+    """Options for `jax.jit(run, compiler_options=…)` with which a step takes three quarters of the time.
 
     XLA's newer code generator for the CPU leaves look-ups and sums of several arrays in scalar code, which
     the matcher consists of; the older one makes vector instructions of them. Empty on other devices, and

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxslam.compiler import compiler_options
 from jaxslam.flags import Flag
 from jaxslam.grid import GridSpec, OccupancyModel
 from jaxslam.inputs import PreparedInputs, Thinning, prepare_inputs
@@ -88,7 +89,9 @@ def test_the_log_fills_more_than_one_chunk_and_is_thinned(prepared):
 
 def test_chunks_give_the_bytes_of_one_scan(slam, prepared, result):
     pose0 = jnp.asarray(prepared.pose0, jnp.float32)
-    state, infos = jax.jit(run)(slam, KEY, pose0, prepared.inputs)
+    # Another code generator rounds differently.
+    whole = jax.jit(run, compiler_options=compiler_options())
+    state, infos = whole(slam, KEY, pose0, prepared.inputs)
     best = jnp.argmax(state.log_weights)
     path = np.asarray(trajectory(infos, best), np.float64)
     assert result.trajectory.tobytes() == path.tobytes()

@@ -91,7 +91,7 @@ class MatchedProposal(AbstractProposal):
         predicted = se2.compose(pose, inputs.odometry.delta)
         sigma = jnp.sqrt(motion.covariance(inputs.odometry)[2, 2])
         turned = self.heading.search(field.coarse, ends, drawn[:2], predicted[2], sigma)
-        # In pairs: what is compiled once takes half as long to compile, and shares what the scan alone decides.
+        # In pairs: compiled once for both, and what the scan alone decides is shared.
         pair = jax.vmap(candidate)(jnp.stack([drawn, refine(turned)]))
         start, matched = _member(pair, 0), _better(_member(pair, 0), _member(pair, 1))
 

@@ -58,7 +58,7 @@ class GaussNewton(eqx.Module):
     half_range: float | Float[Array, ""] = 8.0
     max_step_cells: float | Float[Array, ""] = 4.0
     max_step_rotation: float | Float[Array, ""] = 0.1
-    num_iterations: int = eqx.field(static=True, default=8)
+    num_iterations: int = eqx.field(static=True, default=14)
 
     def match(
         self, field: DistanceField, ends: ScanPoints, start: Float[Array, "3"], prior: PosePrior

@@ -60,7 +60,7 @@ class MatchedProposal(AbstractProposal):
     search: CorrelativeSearch = CorrelativeSearch()
     prior_translation: float | Float[Array, ""] = 0.1
     prior_rotation: float | Float[Array, ""] = 0.1
-    prior_score: float | Float[Array, ""] = 0.3
+    prior_score: float | Float[Array, ""] = 0.9
     lost_below: float | Float[Array, ""] = 0.5
     min_valid_beams: float | Float[Array, ""] = 5.0
     max_beams: int = eqx.field(static=True, default=400)

@@ -38,7 +38,7 @@ class LikelihoodField(AbstractSensorModel):
     z_rand: float | Float[Array, ""] = 0.05
     z_unseen: float | Float[Array, ""] = 0.5
     unseen_beams: float | Float[Array, ""] = 10.0
-    independent_beams: float | Float[Array, ""] = 4.0
+    independent_beams: float | Float[Array, ""] = 6.0
     max_beams: int = eqx.field(static=True, default=180)
 
     def log_prob(self, field: Field, scan: LidarScan, pose: Float[Array, "3"]) -> Float[Array, ""]:

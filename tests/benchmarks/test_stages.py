@@ -12,6 +12,7 @@ import time
 import jax
 import pytest
 
+from jaxslam.compiler import compiler_options
 from tests.benchmarks.filters import running_filter
 from tests.benchmarks.stages import STAGES
 
@@ -25,7 +26,9 @@ def test_stage(benchmark, name, num_particles):
     slam, state, inputs = running_filter(num_particles)
     assert (slam.window_size, inputs.scan.num_beams) == (336, 180)
     stage = STAGES[name](slam, state, inputs)
-    function = jax.jit(stage.function, donate_argnums=(0,) if stage.in_place else ())
+    function = jax.jit(
+        stage.function, donate_argnums=(0,) if stage.in_place else (), compiler_options=compiler_options()
+    )
     lowered = function.lower(*stage.arguments)
     started = time.perf_counter()
     compiled = lowered.compile()

@@ -10,13 +10,20 @@ from jaxslam.configuration import Configuration
 from jaxslam.settings import KIND, Scalar, descriptions, flatten, update
 
 
-def dumps(configuration: Configuration) -> str:
-    """Every setting as TOML text, each under a comment with its meaning and unit."""
+def dumps(configuration: Configuration, *, without: str | None = None) -> str:
+    """Every setting as TOML text, each under a comment with its meaning and unit.
+
+    Args:
+        configuration: what is written.
+        without: a table that is left out, or None.
+    """
     meanings = descriptions(configuration)
     lines: list[str] = []
     table = ""
     for name, value in flatten(configuration).items():
         parent, _, key = name.rpartition(".")
+        if without is not None and parent == without:
+            continue
         if parent != table:
             table = parent
             lines += ["", f"[{table}]"]

@@ -341,3 +341,22 @@ def test_thinning_is_static():
     structure = jax.tree.structure(Configuration())
     changed = dataclasses.replace(Configuration(), thinning=Thinning(0.5, 0.5))
     assert jax.tree.structure(changed) != structure
+
+
+@pytest.mark.parametrize(
+    "assignment",
+    [
+        "sensor.sigma_hit=-1",
+        "sensor.z_hit=-1",
+        "occupancy.hit=-2",
+        "occupancy.miss=3",
+        "occupancy.limit=50",
+        "proposal.search.num_rotations=12",
+        "proposal.fine.sigma_cells=0",
+        "proposal.prior_score=-1",
+    ],
+)
+def test_values_that_make_no_sense_are_refused(assignment):
+    name, value = parse_assignment(assignment)
+    with pytest.raises(ValueError, match=name.rpartition(".")[2]):
+        update(Configuration(), {name: value})

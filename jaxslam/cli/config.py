@@ -16,4 +16,8 @@ def execute(command: Config, arguments: list[str]) -> None:
         assignments=command.set,
         detect=lambda: PRESETS["sick"],
     )
-    print(toml.dumps(configuration), end="")
+    if command.lidar is None and command.config is None:
+        print("# The lidar is left out: the log's scans choose. `jaxslam config --lidar NAME` has it.")
+        print(toml.dumps(configuration, without="lidar"), end="")
+    else:
+        print(toml.dumps(configuration), end="")

@@ -16,6 +16,9 @@ def execute(command: Info, arguments: list[str]) -> None:
         imu_topic=command.imu_topic,
     )
     print(summarise(log))
+    missing = [name for name in ("scans", "odometry") if getattr(log, name) is None]
+    if missing:
+        print(f"cannot map    no {' and no '.join(missing)} in it")
     if log.scans is not None and len(log.scans.stamps):
         preset = detect_lidar(log)
         print(f"lidar preset  {preset.name}")

@@ -22,6 +22,9 @@ from jaxslam.report import (
 )
 from jaxslam.run import RunResult
 
+_FEW_RELATIONS = 0.9
+"""A log that holds a smaller share of the relations may be another one, or a part."""
+
 
 def execute(command: Run, arguments: list[str]) -> None:
     """Maps a log and writes its run folder."""
@@ -87,9 +90,12 @@ def _measures(command: Run, log: SensorLog):
         assert log.odometry is not None  # `prepare_inputs` has looked
         errors: dict[str, object] = {}
         if relations is not None:
-            errors["relations"] = relation_figures(
-                result.all_stamps, result.all_poses, log.odometry, relations
-            )
+            figures = relation_figures(result.all_stamps, result.all_poses, log.odometry, relations)
+            errors["relations"] = figures
+            total = len(relations.stamps_from)
+            if figures["n"] < _FEW_RELATIONS * total:
+                used = f"only {figures['n']:.0f} of the {total} relations lie within the log"
+                warn([f"{used}: are they its own?"])
         if reference is not None:
             error = reference_error(*reference, result.all_stamps, result.all_poses, log.odometry)
             errors["ate"] = trajectory_figures(error)

@@ -14,6 +14,8 @@ from jaxslam.once import computed_once
 from jaxslam.types import LidarScan
 
 LOG_ODDS_PER_UNIT = 0.15
+_LARGEST = 19.0
+"""Log-odds that fit a byte."""
 NUM_BEARINGS = 2048
 """Entries of a scan's range table. At 16 m one entry subtends one 5 cm cell. A power of two."""
 
@@ -34,6 +36,15 @@ class OccupancyModel(eqx.Module):
     miss: float | Float[Array, ""] = -0.3
     limit: float | Float[Array, ""] = 15.0
     occupied_above: float | Float[Array, ""] = 1.5
+
+    def __check_init__(self):
+        bounds = {"hit": (0.0, _LARGEST), "miss": (-_LARGEST, 0.0), "limit": (0.0, _LARGEST)}
+        bounds["occupied_above"] = (-_LARGEST, _LARGEST)
+        for name, (low, high) in bounds.items():
+            value = getattr(self, name)
+            # A traced value cannot be looked at.
+            if isinstance(value, int | float) and not low <= value <= high:
+                raise ValueError(f"OccupancyModel: {name} is {value}, must be {low:g} to {high:g}")
 
 
 def quantise(log_odds: float | Float[Array, ""]) -> Int8[Array, ""]:

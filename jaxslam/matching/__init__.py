@@ -3,5 +3,14 @@
 from jaxslam.matching.correlative import CorrelativeSearch
 from jaxslam.matching.gauss_newton import GaussNewton, PosePrior
 from jaxslam.matching.heading import HeadingSearch
+from jaxslam.matching.icp import ICP, Alignment, rigid_fit
 
-__all__ = ["CorrelativeSearch", "GaussNewton", "HeadingSearch", "PosePrior"]
+__all__ = [
+    "ICP",
+    "Alignment",
+    "CorrelativeSearch",
+    "GaussNewton",
+    "HeadingSearch",
+    "PosePrior",
+    "rigid_fit",
+]

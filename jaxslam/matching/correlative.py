@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxslam import se2
+from jaxslam.checks import require_at_least_zero, require_odd
 from jaxslam.lidar.beams import ScanPoints
 from jaxslam.lidar.subset import spread_beams
 from jaxslam.matching.gauss_newton import PosePrior
@@ -40,6 +41,10 @@ class CorrelativeSearch(eqx.Module):
     num_translations: int = eqx.field(static=True, default=9)
     num_rotations: int = eqx.field(static=True, default=13)
     num_beams: int = eqx.field(static=True, default=45)
+
+    def __check_init__(self):
+        require_at_least_zero(self, positive=("reach", "reach_rotation", "sigma_cells"))
+        require_odd(self, "num_translations", "num_rotations")
 
     def search(
         self, field: Field, ends: ScanPoints, start: Float[Array, "3"], prior: PosePrior

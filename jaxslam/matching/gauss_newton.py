@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxslam import se2
+from jaxslam.checks import require_at_least_zero
 from jaxslam.lidar.beams import ScanPoints
 from jaxslam.linalg import solve_symmetric
 from jaxslam.sensor.field import DistanceField
@@ -59,6 +60,10 @@ class GaussNewton(eqx.Module):
     max_step_cells: float | Float[Array, ""] = 4.0
     max_step_rotation: float | Float[Array, ""] = 0.1
     num_iterations: int = eqx.field(static=True, default=14)
+
+    def __check_init__(self):
+        lengths = ("sigma_cells", "residual_scale", "half_range", "max_step_cells", "max_step_rotation")
+        require_at_least_zero(self, positive=lengths)
 
     def match(
         self, field: DistanceField, ends: ScanPoints, start: Float[Array, "3"], prior: PosePrior

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxslam import se2
+from jaxslam.checks import require_at_least_zero, require_odd
 from jaxslam.lidar.beams import ScanPoints
 from jaxslam.lidar.subset import spread_beams
 from jaxslam.sensor.field import DistanceField
@@ -34,6 +35,10 @@ class HeadingSearch(eqx.Module):
     unseen_score: float | Float[Array, ""] = 0.6
     num_headings: int = eqx.field(static=True, default=21)
     num_beams: int = eqx.field(static=True, default=60)
+
+    def __check_init__(self):
+        require_at_least_zero(self, positive=("sigma_cells",))
+        require_odd(self, "num_headings")
 
     def search(
         self,

@@ -5,8 +5,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxslam import se2
+from jaxslam.checks import require_at_least_zero
 from jaxslam.motion.base import AbstractMotionModel
-from jaxslam.motion.increment_noise import LOG_TWO_PI, Scalar, require_at_least_zero
+from jaxslam.motion.increment_noise import LOG_TWO_PI, Scalar
 from jaxslam.types import OdometryIncrement
 
 

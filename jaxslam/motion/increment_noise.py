@@ -12,7 +12,6 @@ The heading error is turn + final rotation; turn is also what bends the path.
 
 from collections.abc import Callable
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
@@ -69,20 +68,6 @@ def predicted_frame_covariance(
     jacobian = jax.jacfwd(lambda noise: se2.relative(predicted, noisy_increment(noise)))(zero)
     covariance = (jacobian * variances[None, :]) @ jacobian.T
     return 0.5 * (covariance + covariance.T)
-
-
-def require_at_least_zero(model: eqx.Module, positive: tuple[str, ...]) -> None:
-    """Raises `ValueError` for a negative parameter, or one named in `positive` that is zero.
-
-    Only Python numbers are looked at: a traced value cannot be.
-    """
-    for name, value in vars(model).items():
-        if not isinstance(value, int | float):
-            continue
-        if name in positive and not value > 0.0:
-            raise ValueError(f"{type(model).__name__}: {name} is {value}, must be > 0")
-        if not value >= 0.0:
-            raise ValueError(f"{type(model).__name__}: {name} is {value}, must be >= 0")
 
 
 def _position_error(

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxslam import se2
+from jaxslam.checks import require_at_least_zero
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.motion.increment_noise import (
     ACROSS,
@@ -14,7 +15,6 @@ from jaxslam.motion.increment_noise import (
     Scalar,
     increment_log_prob,
     predicted_frame_covariance,
-    require_at_least_zero,
     sample_increment,
 )
 from jaxslam.types import OdometryIncrement

@@ -7,25 +7,18 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxslam import se2
 from jaxslam.branch import run_if
+from jaxslam.checks import require_at_least_zero
 from jaxslam.flags import Flag
 from jaxslam.lidar.beams import scan_points
-from jaxslam.linalg import inverse_symmetric
 from jaxslam.matching.correlative import CorrelativeSearch
-from jaxslam.matching.gauss_newton import GaussNewton, PosePrior
+from jaxslam.matching.gauss_newton import GaussNewton
 from jaxslam.matching.heading import HeadingSearch
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.proposal.base import AbstractProposal, Proposed
+from jaxslam.proposal.candidate import Candidate, Judge, better, prior_about, share_explained
 from jaxslam.sensor.base import AbstractSensorModel
 from jaxslam.sensor.field import Field
-from jaxslam.types import OdometryIncrement, StepInputs
-
-
-class _Candidate(eqx.Module):
-    """A pose that was looked at, its log-likelihood and what it scored with the prior."""
-
-    pose: Float[Array, "3"]
-    log_likelihood: Float[Array, ""]
-    score: Float[Array, ""]
+from jaxslam.types import StepInputs
 
 
 class MatchedProposal(AbstractProposal):
@@ -65,6 +58,9 @@ class MatchedProposal(AbstractProposal):
     min_valid_beams: float | Float[Array, ""] = 5.0
     max_beams: int = eqx.field(static=True, default=400)
 
+    def __check_init__(self):
+        require_at_least_zero(self)
+
     def sample(
         self,
         key: PRNGKeyArray,
@@ -76,14 +72,9 @@ class MatchedProposal(AbstractProposal):
     ) -> Proposed:
         """Draws, looks round, matches, searches if lost, and keeps the best of all that was seen."""
         drawn = motion.sample(key, pose, inputs.odometry)
-        scale = jnp.sqrt(jnp.asarray([self.prior_translation, self.prior_translation, self.prior_rotation]))
-        precision = _precision(motion, inputs.odometry, drawn) * scale[:, None] * scale[None, :]
-        prior = PosePrior(drawn, precision)
+        prior = prior_about(motion, inputs.odometry, drawn, self.prior_translation, self.prior_rotation)
+        judge = Judge(field, inputs.scan, sensor, prior, self.prior_score)
         ends = scan_points(inputs.scan, self.max_beams)
-
-        def candidate(pose: Float[Array, "3"]) -> _Candidate:
-            log_likelihood = sensor.log_prob(field, inputs.scan, pose)
-            return _Candidate(pose, log_likelihood, log_likelihood + self.prior_score * prior.log_prob(pose))
 
         def refine(start: Float[Array, "3"]) -> Float[Array, "3"]:
             return self.fine.match(field.fine, ends, start, prior)
@@ -91,23 +82,19 @@ class MatchedProposal(AbstractProposal):
         predicted = se2.compose(pose, inputs.odometry.delta)
         sigma = jnp.sqrt(motion.covariance(inputs.odometry)[2, 2])
         turned = self.heading.search(field.coarse, ends, drawn[:2], predicted[2], sigma)
-        # In pairs: compiled once for both, and what the scan alone decides is shared.
-        pair = jax.vmap(candidate)(jnp.stack([drawn, refine(turned)]))
-        start, matched = _member(pair, 0), _better(_member(pair, 0), _member(pair, 1))
+        start, refined = judge.pair(drawn, refine(turned))
+        matched = better(start, refined)
 
-        def search(best: _Candidate) -> _Candidate:
+        def search(best: Candidate) -> Candidate:
             # From the carry and not from the draw: what does not change in a loop, XLA computes before it.
             coarse = self.coarse.match(field.coarse, ends, best.pose, prior)
             found = self.search.search(field, ends, best.pose, prior)
-            pair = jax.vmap(lambda pose: candidate(refine(pose)))(jnp.stack([coarse, found]))
-            return _better(_better(best, _member(pair, 0)), _member(pair, 1))
+            refined = jax.vmap(refine)(jnp.stack([coarse, found]))
+            one, other = judge.pair(refined[0], refined[1])
+            return better(better(best, one), other)
 
-        squared, unseen = field.fine.look_up(se2.apply(matched.pose, ends.points))
-        explained = unseen | (squared < (field.fine.radius * field.fine.resolution) ** 2)
-        num_valid = jnp.sum(ends.valid, dtype=jnp.float32)
-        share = jnp.sum(ends.valid & explained, dtype=jnp.float32) / jnp.maximum(num_valid, 1.0)
-        enough = num_valid >= self.min_valid_beams
-        lost = enough & (share < self.lost_below)
+        enough = jnp.sum(ends.valid, dtype=jnp.float32) >= self.min_valid_beams
+        lost = enough & (share_explained(field.fine, ends, matched.pose) < self.lost_below)
         matched = run_if(lost, search, matched)
         few = jnp.where(enough, 0, Flag.FEW_VALID_BEAMS.value)
         searched = jnp.where(lost, Flag.SEARCHED.value, 0)
@@ -117,24 +104,3 @@ class MatchedProposal(AbstractProposal):
             log_ratio=jnp.zeros((), jnp.float32),
             flags=(few | searched).astype(jnp.int32),
         )
-
-
-def _precision(
-    motion: AbstractMotionModel, odometry: OdometryIncrement, pose: Float[Array, "3"]
-) -> Float[Array, "3 3"]:
-    """Inverse covariance of the increment, turned from the predicted pose's frame into the world's."""
-    precision = inverse_symmetric(motion.covariance(odometry))
-    cos, sin = jnp.cos(pose[2]), jnp.sin(pose[2])
-    one, zero = jnp.ones_like(cos), jnp.zeros_like(cos)
-    turn = jnp.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one]).reshape(3, 3)
-    return turn @ precision @ turn.T
-
-
-def _member(candidates: _Candidate, index: int) -> _Candidate:
-    return jax.tree.map(lambda leaf: leaf[index], candidates)
-
-
-def _better(best: _Candidate, other: _Candidate) -> _Candidate:
-    """The higher-scoring of two, the first of equals; a NaN never wins."""
-    wins = other.score > best.score
-    return jax.tree.map(lambda new, old: jnp.where(wins, new, old), other, best)

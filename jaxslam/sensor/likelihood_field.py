@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxslam import se2
+from jaxslam.checks import require_at_least_zero
 from jaxslam.lidar.beams import scan_points
 from jaxslam.sensor.base import AbstractSensorModel
 from jaxslam.sensor.field import Field
@@ -40,6 +41,9 @@ class LikelihoodField(AbstractSensorModel):
     unseen_beams: float | Float[Array, ""] = 10.0
     independent_beams: float | Float[Array, ""] = 6.0
     max_beams: int = eqx.field(static=True, default=180)
+
+    def __check_init__(self):
+        require_at_least_zero(self, positive=("sigma_hit", "z_rand", "z_unseen"))
 
     def log_prob(self, field: Field, scan: LidarScan, pose: Float[Array, "3"]) -> Float[Array, ""]:
         """Scalar, natural log, at most 0: every beam on an obstacle, and `z_unseen` apart."""

@@ -1,0 +1,24 @@
+"""Whether the numbers of a model make sense, looked at when it is made."""
+
+import equinox as eqx
+
+
+def require_at_least_zero(model: eqx.Module, positive: tuple[str, ...] = ()) -> None:
+    """Raises `ValueError` for a negative parameter, or one named in `positive` that is zero.
+
+    Only Python numbers are looked at: a traced value cannot be.
+    """
+    for name, value in vars(model).items():
+        if not isinstance(value, int | float):
+            continue
+        if name in positive and not value > 0.0:
+            raise ValueError(f"{type(model).__name__}: {name} is {value}, must be > 0")
+        if not value >= 0.0:
+            raise ValueError(f"{type(model).__name__}: {name} is {value}, must be >= 0")
+
+
+def require_odd(model: eqx.Module, *names: str) -> None:
+    """Raises `ValueError` for an even count: the middle of what is counted must be one of them."""
+    for name in names:
+        if getattr(model, name) % 2 == 0:
+            raise ValueError(f"{type(model).__name__}: {name} is {getattr(model, name)}, must be odd")

@@ -1,0 +1,179 @@
+"""The Kalman filter of wheel odometry and IMU, tobacco (7)–(11)."""
+
+from typing import Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jaxslam import se2
+
+STATE_SIZE = 6
+"""X, Y (m), θ (rad), their rates v_x, v_y (m/s) and ω (rad/s)."""
+HEADING = 2
+
+# 99.9 % quantiles of the χ² distribution by degrees of freedom, 0 to 6.
+_GATES = (jnp.inf, 10.828, 13.816, 16.266, 18.467, 20.515, 22.458)
+
+
+class Belief(eqx.Module):
+    """A Gaussian over the state, and over copies of poses that were kept: `S` = 6, or 6 + 3 with a copy.
+
+    Attributes:
+        mean: `[S]`; its heading in [−π, π).
+        covariance: `[S, S]`, symmetric and positive.
+    """
+
+    mean: Float[Array, "S"]
+    covariance: Float[Array, "S S"]
+
+
+class Measurement(eqx.Module):
+    """A reading of some components of the state.
+
+    Attributes:
+        value: `[6]`; what is not `seen` is not looked at.
+        variance: `[6]` of each component.
+        seen: `[6]` which components were read.
+    """
+
+    value: Float[Array, "6"]
+    variance: Float[Array, "6"]
+    seen: Bool[Array, "6"]
+
+
+class Updated(eqx.Module):
+    """A belief after a reading.
+
+    Attributes:
+        belief: the new one; the old one where the reading was refused.
+        distance: squared Mahalanobis distance of the reading.
+        accepted: whether it passed the gate.
+    """
+
+    belief: Belief
+    distance: Float[Array, ""]
+    accepted: Bool[Array, ""]
+
+
+class EKF(eqx.Module):
+    r"""Constant velocity, disturbed by white accelerations.
+
+    With `frame="world"` the rates are those of X and Y, and $x_{t+1} = x_t + [\Delta t\,I_3; 0](v_x, v_y,
+    \omega)^T$ (tobacco 8) is linear. With `frame="body"` they are along and across the robot; turning them
+    by the heading makes the filter an extended one, and v_y, which wheels do not have, can be held small.
+
+    Attributes:
+        acceleration: spectral density of the acceleration along x, m/s² per √Hz.
+        lateral_acceleration: and along y, in the body frame, where a robot on wheels hardly has any.
+        angular_acceleration: rad/s² per √Hz.
+        gate: whether readings beyond the 99.9 % quantile of χ² are refused (static).
+        frame: of the rates, "body" or "world" (static).
+    """
+
+    acceleration: float | Float[Array, ""] = 1.0
+    lateral_acceleration: float | Float[Array, ""] = 0.1
+    angular_acceleration: float | Float[Array, ""] = 2.0
+    gate: bool = eqx.field(static=True, default=True)
+    frame: Literal["body", "world"] = eqx.field(static=True, default="body")
+
+    def predict(self, belief: Belief, dt: Float[Array, ""]) -> Belief:
+        """The belief `dt` ≥ 0 seconds later."""
+        mean, transition = self._transition(belief.mean, dt)
+        noise = self._process_noise(belief.mean, dt)
+        covariance = transition @ belief.covariance @ transition.T + noise
+        return Belief(_wrapped(mean), _symmetric(covariance))
+
+    def update(self, belief: Belief, measurement: Measurement) -> Updated:
+        """The belief after a reading, with the covariance in Joseph's form."""
+        size = belief.mean.shape[0]
+        seen = measurement.seen
+        innovation = measurement.value - belief.mean[:STATE_SIZE]
+        innovation = innovation.at[HEADING].set(se2.wrap(innovation[HEADING]))
+        innovation = jnp.where(seen, innovation, 0.0)
+        # Rows of components that were not read: zero in H, one in R. They change nothing.
+        observe = jnp.eye(STATE_SIZE, size, dtype=belief.mean.dtype) * seen[:, None]
+        variance = jnp.where(seen, measurement.variance, 1.0)
+        noise = jnp.diag(variance)
+        spread = observe @ belief.covariance @ observe.T + noise
+        gain = jnp.linalg.solve(spread, observe @ belief.covariance).T
+        distance = innovation @ jnp.linalg.solve(spread, innovation)
+        remain = jnp.eye(size, dtype=belief.mean.dtype) - gain @ observe
+        covariance = remain @ belief.covariance @ remain.T + gain @ noise @ gain.T
+        limit = jnp.asarray(_GATES, belief.mean.dtype)[jnp.sum(seen, dtype=jnp.int32)]
+        finite = jnp.isfinite(distance)
+        accepted: Bool[Array, ""] = finite & ((distance <= limit) if self.gate else True)
+        mean = jnp.where(accepted, belief.mean + gain @ innovation, belief.mean)
+        kept = jnp.where(accepted, _symmetric(covariance), belief.covariance)
+        return Updated(Belief(_wrapped(mean), kept), distance, accepted)
+
+    def _transition(
+        self, mean: Float[Array, "S"], dt: Float[Array, ""]
+    ) -> tuple[Float[Array, "S"], Float[Array, "S S"]]:
+        """The state moved on, tobacco (8), and the derivative of that."""
+        jacobian = jnp.eye(mean.shape[0], dtype=mean.dtype)
+        if self.frame == "world":
+            moved = mean.at[:3].add(dt * mean[3:6])
+            return moved, jacobian.at[jnp.arange(3), jnp.arange(3, 6)].set(dt)
+        cos, sin = jnp.cos(mean[HEADING]), jnp.sin(mean[HEADING])
+        along, across, turning = mean[3], mean[4], mean[5]
+        moved = mean.at[0].add(dt * (cos * along - sin * across))
+        moved = moved.at[1].add(dt * (sin * along + cos * across)).at[2].add(dt * turning)
+        jacobian = jacobian.at[0, HEADING].set(-dt * (sin * along + cos * across))
+        jacobian = jacobian.at[1, HEADING].set(dt * (cos * along - sin * across))
+        jacobian = jacobian.at[0, 3].set(dt * cos).at[0, 4].set(-dt * sin)
+        jacobian = jacobian.at[1, 3].set(dt * sin).at[1, 4].set(dt * cos)
+        return moved, jacobian.at[2, 5].set(dt)
+
+    def _process_noise(self, mean: Float[Array, "S"], dt: Float[Array, ""]) -> Float[Array, "S S"]:
+        """White accelerations over `dt`: dt³/3, dt²/2 and dt times their densities."""
+        densities = jnp.stack([jnp.asarray(d, mean.dtype) ** 2 for d in self._densities()])
+        if self.frame == "world":
+            turn = jnp.eye(3, dtype=mean.dtype)
+        else:
+            cos, sin = jnp.cos(mean[HEADING]), jnp.sin(mean[HEADING])
+            one, zero = jnp.ones_like(cos), jnp.zeros_like(cos)
+            turn = jnp.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one]).reshape(3, 3)
+        rates = jnp.diag(densities)
+        noise = jnp.zeros((mean.shape[0],) * 2, mean.dtype)
+        noise = noise.at[:3, :3].set(turn @ rates @ turn.T * dt**3 / 3)
+        noise = noise.at[:3, 3:6].set(turn @ rates * dt**2 / 2)
+        noise = noise.at[3:6, :3].set(rates @ turn.T * dt**2 / 2)
+        return noise.at[3:6, 3:6].set(rates * dt)
+
+    def _densities(self) -> tuple[float | Float[Array, ""], ...]:
+        # In the world neither axis is the robot's own.
+        lateral = self.acceleration if self.frame == "world" else self.lateral_acceleration
+        return self.acceleration, lateral, self.angular_acceleration
+
+
+def with_copy(belief: Belief) -> Belief:
+    """The belief with a copy of its pose, `[6 + 3]`: what has moved since then can be told from it."""
+    take = jnp.arange(STATE_SIZE + 3).at[STATE_SIZE:].set(jnp.arange(3))
+    return Belief(belief.mean[take], belief.covariance[take][:, take])
+
+
+def since_copy(belief: Belief) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
+    """Pose now in the frame of the pose that was copied, and its covariance, to first order."""
+    copied, now = belief.mean[STATE_SIZE : STATE_SIZE + 3], belief.mean[:3]
+    relative = se2.relative(copied, now)
+    cos, sin = jnp.cos(copied[HEADING]), jnp.sin(copied[HEADING])
+    one, zero = jnp.ones_like(cos), jnp.zeros_like(cos)
+    by_now = jnp.stack([cos, sin, zero, -sin, cos, zero, zero, zero, one]).reshape(3, 3)
+    by_copy = -by_now
+    by_copy = by_copy.at[0, HEADING].set(relative[1]).at[1, HEADING].set(-relative[0])
+    jacobian = jnp.zeros((3, belief.mean.shape[0]), belief.mean.dtype)
+    jacobian = jacobian.at[:, :3].set(by_now).at[:, STATE_SIZE : STATE_SIZE + 3].set(by_copy)
+    return relative, _symmetric(jacobian @ belief.covariance @ jacobian.T)
+
+
+def _wrapped(mean: Float[Array, "S"]) -> Float[Array, "S"]:
+    mean = mean.at[HEADING].set(se2.wrap(mean[HEADING]))
+    if mean.shape[0] > STATE_SIZE:
+        heading = STATE_SIZE + HEADING
+        mean = mean.at[heading].set(se2.wrap(mean[heading]))
+    return mean
+
+
+def _symmetric(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    return 0.5 * (matrix + matrix.T)

@@ -1,0 +1,106 @@
+"""The filter run over a stream: motion and covariance between scans."""
+
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Float64, Int
+
+from jaxslam.fusion.ekf import EKF, STATE_SIZE, Belief, since_copy, with_copy
+from jaxslam.fusion.stream import IMU, ODOMETRY, QUERY, Events, Stream, any_seen
+
+_START_VARIANCE = (1e-6, 1e-6, 1e-6, 1.0, 1.0, 1.0)
+
+
+class FusedStep(eqx.Module):
+    """What one event leaves; stacked over the stream.
+
+    Attributes:
+        mean: `[6]` the state after it.
+        variance: `[6]` the diagonal of its covariance.
+        delta: `[3]` at a query, the motion since the last one, in the frame of the pose then.
+        delta_covariance: `[3, 3]` of `delta`.
+        distance: squared Mahalanobis distance of the reading.
+        accepted: whether the reading was used.
+    """
+
+    mean: Float[Array, "*M 6"]
+    variance: Float[Array, "*M 6"]
+    delta: Float[Array, "*M 3"]
+    delta_covariance: Float[Array, "*M 3 3"]
+    distance: Float[Array, "*M"]
+    accepted: Bool[Array, "*M"]
+
+
+@dataclass(frozen=True)
+class Fused:
+    """The fused motion.
+
+    Attributes:
+        stamps: `[Q]` of the queries, seconds.
+        poses: `[Q, 3]` in the odometry's frame.
+        sigmas: `[Q, 3]` standard deviations of the poses (m, m, rad).
+        deltas: `[Q, 3]` motion since the query before; zero for the first.
+        covariances: `[Q, 3, 3]` of the deltas.
+        readings: how many there were by source.
+        refused: how many of them the gate refused.
+    """
+
+    stamps: Float64[np.ndarray, "Q"]
+    poses: Float64[np.ndarray, "Q 3"]
+    sigmas: Float64[np.ndarray, "Q 3"]
+    deltas: Float64[np.ndarray, "Q 3"]
+    covariances: Float64[np.ndarray, "Q 3 3"]
+    readings: dict[str, int]
+    refused: dict[str, int]
+
+
+def filter_events(ekf: EKF, start: Float[Array, "3"], events: Events) -> tuple[Belief, FusedStep]:
+    """Runs over a stream, one `lax.scan`; `start` `[3]` is the pose before the first event."""
+
+    def step(belief: Belief, event: Events) -> tuple[Belief, FusedStep]:
+        belief = ekf.predict(belief, event.dt)
+        updated = ekf.update(belief, event.measurement)
+        belief = updated.belief
+        delta, covariance = since_copy(belief)
+        asked = event.source == QUERY
+        fresh = with_copy(Belief(belief.mean[:STATE_SIZE], belief.covariance[:STATE_SIZE, :STATE_SIZE]))
+        after = jax.tree.map(lambda new, old: jnp.where(asked, new, old), fresh, belief)
+        return after, FusedStep(
+            mean=belief.mean[:STATE_SIZE],
+            variance=jnp.diagonal(belief.covariance)[:STATE_SIZE],
+            delta=delta,
+            delta_covariance=covariance,
+            distance=updated.distance,
+            accepted=updated.accepted & any_seen(event.measurement),
+        )
+
+    mean = jnp.concatenate([start, jnp.zeros_like(start)])
+    belief = with_copy(Belief(mean, jnp.diag(jnp.asarray(_START_VARIANCE, start.dtype))))
+    return jax.lax.scan(step, belief, events)
+
+
+def fuse(ekf: EKF, stream: Stream) -> Fused:
+    """The fused motion at the queries of a stream."""
+    steps = jax.jit(filter_events)(ekf, jnp.asarray(stream.start, jnp.float32), stream.events)[1]
+    source: Int[np.ndarray, "M"] = np.asarray(stream.events.source)
+    read = np.asarray(any_seen(stream.events.measurement))
+    accepted = np.asarray(steps.accepted)
+    rows = stream.query_rows
+    deltas = np.asarray(steps.delta, np.float64)[rows]
+    covariances = np.asarray(steps.delta_covariance, np.float64)[rows]
+    if len(rows):
+        # Nothing was asked before the first.
+        deltas[0], covariances[0] = 0.0, 0.0
+    names = {"odometry": ODOMETRY, "imu": IMU}
+    return Fused(
+        stamps=stream.stamps[rows],
+        poses=np.asarray(steps.mean, np.float64)[rows, :3],
+        sigmas=np.sqrt(np.asarray(steps.variance, np.float64)[rows, :3]),
+        deltas=deltas,
+        covariances=covariances,
+        readings={name: int(np.sum(read & (source == code))) for name, code in names.items()},
+        refused={name: int(np.sum(read & ~accepted & (source == code))) for name, code in names.items()},
+    )

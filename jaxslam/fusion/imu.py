@@ -1,0 +1,121 @@
+"""An IMU's readings about the robot's vertical axis, however it is mounted."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from jaxslam.io.log import ImuTrack, LogError, OdometryTrack
+from jaxslam.io.poses import interpolate_poses, relative_poses
+
+AXES: dict[str, tuple[float, float, float]] = {
+    "x": (1.0, 0.0, 0.0),
+    "y": (0.0, 1.0, 0.0),
+    "z": (0.0, 0.0, 1.0),
+    "-x": (-1.0, 0.0, 0.0),
+    "-y": (0.0, -1.0, 0.0),
+    "-z": (0.0, 0.0, -1.0),
+}
+"""Sensor axes that can point up, by the name that `--imu-yaw-axis` takes."""
+
+_STILL_SPEED, _STILL_RATE = 0.01, 0.01
+"""A robot whose odometry moves by less, m/s and rad/s, stands."""
+_LEAST_STILL = 20
+"""Readings taken while the robot stands, from which a bias is found."""
+_LEVEL = 0.9
+"""Share of the mean acceleration that must lie along one direction for it to be gravity."""
+
+
+@dataclass(frozen=True)
+class YawTrack:
+    """Turning about the vertical.
+
+    Attributes:
+        stamps: `[M]` seconds.
+        rates: `[M]` rad/s, counter-clockwise seen from above; NaN where there is none.
+        headings: `[M]` rad, from an arbitrary zero; NaN where there is none.
+        axis: the sensor's axis that points up, `[3]`.
+        source: how the axis was found, for people.
+        bias: rad/s, taken off `rates`.
+    """
+
+    stamps: Float64[np.ndarray, "M"]
+    rates: Float64[np.ndarray, "M"]
+    headings: Float64[np.ndarray, "M"]
+    axis: Float64[np.ndarray, "3"]
+    source: str
+    bias: float
+
+
+def yaw_track(imu: ImuTrack, odometry: OdometryTrack | None, axis: str | None = None) -> YawTrack:
+    """An IMU's turning about the vertical.
+
+    Args:
+        imu: readings in the sensor's frame.
+        odometry: tells when the robot stood, from which the gyro's bias is found; None: no bias.
+        axis: of the sensor that points up, a name of `AXES`; None: as the log's mounting says, or as
+            gravity does, or z.
+
+    Raises:
+        LogError: the IMU has neither turning rates nor orientations.
+    """
+    up, source = _up_axis(imu, axis)
+    rates = imu.angular_velocities @ up
+    headings = _headings(imu.orientations, up)
+    if not (np.isfinite(rates).any() or np.isfinite(headings).any()):
+        raise LogError(f"{imu.topic}: the IMU has neither turning rates nor orientations")
+    bias = 0.0
+    if odometry is not None:
+        still = _standing(imu.stamps, odometry) & np.isfinite(rates)
+        if np.count_nonzero(still) >= _LEAST_STILL:
+            bias = float(np.median(rates[still]))
+    return YawTrack(imu.stamps, rates - bias, headings, up, source, bias)
+
+
+def _up_axis(imu: ImuTrack, axis: str | None) -> tuple[Float64[np.ndarray, "3"], str]:
+    if axis is not None:
+        if axis not in AXES:
+            raise LogError(f"--imu-yaw-axis is {axis!r}: give one of {', '.join(AXES)}")
+        return np.array(AXES[axis]), "given"
+    if imu.mounting_known:
+        return imu.rotation_base_imu.T @ np.array([0.0, 0.0, 1.0]), "the log's mounting"
+    finite = imu.linear_accelerations[np.isfinite(imu.linear_accelerations).all(axis=1)]
+    if len(finite):
+        # An accelerometer at rest reads what holds it up.
+        mean = finite.mean(axis=0)
+        share = np.abs(mean) / max(float(np.linalg.norm(mean)), 1e-9)
+        strongest = int(np.argmax(share))
+        if np.linalg.norm(mean) > 5.0 and share[strongest] > _LEVEL:
+            up = np.zeros(3)
+            up[strongest] = np.sign(mean[strongest])
+            return up, "gravity"
+    return np.array([0.0, 0.0, 1.0]), "assumed"
+
+
+def _headings(
+    quaternions: Float64[np.ndarray, "M 4"], up: Float64[np.ndarray, "3"]
+) -> Float64[np.ndarray, "M"]:
+    """Heading of a level axis of the sensor, as its orientations turn it about the vertical."""
+    level = np.eye(3)[int(np.argmin(np.abs(up)))]
+    level = level - up * (level @ up)
+    level = level / np.linalg.norm(level)
+    x, y, z, w = quaternions.T
+    norm = np.sqrt(x * x + y * y + z * z + w * w)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        x, y, z, w = x / norm, y / norm, z / norm, w / norm
+    turned_x = (
+        (1 - 2 * (y * y + z * z)) * level[0] + 2 * (x * y - z * w) * level[1] + 2 * (x * z + y * w) * level[2]
+    )
+    turned_y = (
+        2 * (x * y + z * w) * level[0] + (1 - 2 * (x * x + z * z)) * level[1] + 2 * (y * z - x * w) * level[2]
+    )
+    return np.where(norm > 0.5, np.arctan2(turned_y, turned_x), np.nan)
+
+
+def _standing(stamps: Float64[np.ndarray, "M"], odometry: OdometryTrack) -> np.ndarray:
+    """Whether the odometry stands still around each stamp."""
+    before = interpolate_poses(odometry.stamps, odometry.poses, stamps - 0.25)
+    after = interpolate_poses(odometry.stamps, odometry.poses, stamps + 0.25)
+    moved = relative_poses(before, after) / 0.5
+    inside = (stamps >= odometry.stamps[0]) & (stamps <= odometry.stamps[-1])
+    return inside & (np.hypot(moved[:, 0], moved[:, 1]) < _STILL_SPEED) & (np.abs(moved[:, 2]) < _STILL_RATE)

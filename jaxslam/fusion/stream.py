@@ -1,0 +1,195 @@
+"""Odometry and IMU as one time-ordered stream of readings."""
+
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Float64, Int
+
+from jaxslam.fusion.ekf import Measurement
+from jaxslam.fusion.imu import YawTrack
+from jaxslam.io.log import OdometryTrack
+from jaxslam.io.poses import relative_poses
+
+ODOMETRY, IMU, QUERY = 0, 1, 2
+"""Where an event is from. A query reads nothing: it asks for the motion since the last one."""
+
+_LONGEST_STEP = 1.0
+"""Odometry further apart than this, seconds, tells no rates."""
+
+
+class OdometerNoise(eqx.Module):
+    """e_odom(d), tobacco (9): standard deviations.
+
+    Attributes:
+        speed: of the speed along, as a share of it.
+        speed_floor: and at rest, m/s.
+        lateral: of the speed across, m/s: wheels slip a little sideways.
+        turning: of the turning rate, as a share of it.
+        turning_floor: and at rest, rad/s.
+        position_per_metre: of the position, m per √m driven.
+        heading_per_metre: of the heading, rad per √m driven.
+    """
+
+    speed: float = 0.05
+    speed_floor: float = 0.02
+    lateral: float = 0.02
+    turning: float = 0.1
+    turning_floor: float = 0.05
+    position_per_metre: float = 0.05
+    heading_per_metre: float = 0.05
+
+
+class ImuNoise(eqx.Module):
+    """Standard deviations of an IMU, tobacco (10).
+
+    Attributes:
+        rate: of the turning rate, rad/s.
+        heading: of the heading, rad.
+    """
+
+    rate: float = 0.02
+    heading: float = 0.05
+
+
+class Events(eqx.Module):
+    """Stacked over time, `[M, ...]`.
+
+    Attributes:
+        dt: seconds since the event before.
+        measurement: what was read; nothing is seen for a query.
+        source: `ODOMETRY`, `IMU` or `QUERY`.
+    """
+
+    dt: Float[Array, "M"]
+    measurement: Measurement
+    source: Int[Array, "M"]
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Events, with what the host needs to read them back.
+
+    Attributes:
+        events: time-ordered; at equal stamps readings come before queries.
+        stamps: `[M]` seconds.
+        start: `[3]` the odometry's pose at the first event.
+        query_rows: `[Q]` rows of the queries, in their order.
+    """
+
+    events: Events
+    stamps: Float64[np.ndarray, "M"]
+    start: Float64[np.ndarray, "3"]
+    query_rows: Int[np.ndarray, "Q"]
+
+
+def merge(
+    odometry: OdometryTrack | None,
+    yaw: YawTrack | None,
+    queries: Float64[np.ndarray, "Q"],
+    odometer_noise: OdometerNoise,
+    imu_noise: ImuNoise,
+    *,
+    use_poses: bool = False,
+    use_headings: bool = False,
+    world_frame: bool = False,
+) -> Stream:
+    """One stream of what the sensors read and what is asked.
+
+    The odometry's rates are those between its poses, which every log has and which a driver's outlier in
+    its twists does not touch.
+
+    Args:
+        odometry: poses, or None.
+        yaw: turning from the IMU, or None.
+        queries: `[Q]` stamps, seconds, not decreasing, at which the motion since the last is asked for.
+        odometer_noise: of its readings.
+        imu_noise: of its readings.
+        use_poses: read the odometry's pose beside its rates, with a covariance that grows with the
+            distance, as (9) has it. Their errors are not independent of the rates'.
+        use_headings: read the IMU's heading beside its rate.
+        world_frame: rates along the world's axes instead of the robot's.
+
+    Raises:
+        ValueError: there is neither odometry nor IMU.
+    """
+    parts = [_query_part(queries)]
+    start = np.zeros(3)
+    if odometry is not None and len(odometry.stamps) > 0:
+        start = odometry.poses[0]
+        parts.append(_odometry_part(odometry, odometer_noise, use_poses, world_frame))
+    if yaw is not None and len(yaw.stamps) > 0:
+        parts.append(_imu_part(yaw, imu_noise, use_headings, float(start[2])))
+    if len(parts) == 1:
+        raise ValueError("there is neither odometry nor an IMU to fuse")
+    stamps = np.concatenate([part[0] for part in parts])
+    source = np.concatenate([np.full(len(part[0]), part[4]) for part in parts])
+    order = np.lexsort((source, stamps))
+    values, variances, seen = (np.concatenate([part[i] for part in parts])[order] for i in (1, 2, 3))
+    stamps, source = stamps[order], source[order]
+    first = stamps[0] if len(stamps) else 0.0
+    return Stream(
+        events=Events(
+            dt=jnp.asarray(np.diff(stamps, prepend=first), jnp.float32),
+            measurement=Measurement(
+                jnp.asarray(values, jnp.float32), jnp.asarray(variances, jnp.float32), jnp.asarray(seen)
+            ),
+            source=jnp.asarray(source, jnp.int32),
+        ),
+        stamps=stamps,
+        start=start,
+        query_rows=np.flatnonzero(source == QUERY),
+    )
+
+
+def _query_part(queries: Float64[np.ndarray, "Q"]):
+    blank = np.zeros((len(queries), 6))
+    return queries, blank, np.ones_like(blank), np.zeros_like(blank, bool), QUERY
+
+
+def _odometry_part(odometry: OdometryTrack, noise: OdometerNoise, use_poses: bool, world_frame: bool):
+    poses, stamps = odometry.poses, odometry.stamps
+    step = relative_poses(poses[:-1], poses[1:])
+    interval = np.diff(stamps)
+    timed = (interval > 0) & (interval < _LONGEST_STEP)
+    rates = step / np.where(timed, interval, 1.0)[:, None]
+    value = np.concatenate([poses[1:], rates], axis=1)
+    variance = np.ones_like(value)
+    variance[:, 3] = noise.speed_floor**2 + (noise.speed * rates[:, 0]) ** 2
+    variance[:, 4] = noise.lateral**2 + (noise.speed * rates[:, 1]) ** 2
+    variance[:, 5] = noise.turning_floor**2 + (noise.turning * rates[:, 2]) ** 2
+    distance = np.cumsum(np.hypot(step[:, 0], step[:, 1]))
+    variance[:, :2] = (1e-4 + noise.position_per_metre**2 * distance)[:, None]
+    variance[:, 2] = 1e-4 + noise.heading_per_metre**2 * distance
+    if world_frame:
+        # The rates' own axes turn with the robot; both get the larger variance.
+        heading = poses[:-1, 2] + 0.5 * step[:, 2]
+        cos, sin = np.cos(heading), np.sin(heading)
+        value[:, 3] = cos * rates[:, 0] - sin * rates[:, 1]
+        value[:, 4] = sin * rates[:, 0] + cos * rates[:, 1]
+        variance[:, 3:5] = variance[:, 3:5].max(axis=1, keepdims=True)
+    seen = np.zeros(value.shape, bool)
+    seen[:, 3:] = timed[:, None]
+    seen[:, :3] = use_poses
+    # The rates are those of the middle of an interval.
+    return stamps[1:] if use_poses else stamps[1:] - 0.5 * interval, value, variance, seen, ODOMETRY
+
+
+def _imu_part(yaw: YawTrack, noise: ImuNoise, use_headings: bool, start_heading: float):
+    value = np.zeros((len(yaw.stamps), 6))
+    seen = np.zeros(value.shape, bool)
+    variance = np.ones_like(value)
+    variance[:, 2], variance[:, 5] = noise.heading**2, noise.rate**2
+    seen[:, 5] = np.isfinite(yaw.rates)
+    value[:, 5] = np.where(seen[:, 5], yaw.rates, 0.0)
+    if use_headings and np.isfinite(yaw.headings).any():
+        first = yaw.headings[np.isfinite(yaw.headings)][0]
+        seen[:, 2] = np.isfinite(yaw.headings)
+        value[:, 2] = np.where(seen[:, 2], yaw.headings - first + start_heading, 0.0)
+    return yaw.stamps, value, variance, seen, IMU
+
+
+def any_seen(measurement: Measurement) -> Bool[Array, "*M"]:
+    """Whether a reading has any component."""
+    return jnp.any(measurement.seen, axis=-1)

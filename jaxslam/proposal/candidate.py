@@ -1,0 +1,95 @@
+"""What the proposals that look at the map share: posing candidates and comparing them."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jaxslam import se2
+from jaxslam.lidar.beams import ScanPoints
+from jaxslam.linalg import inverse_symmetric
+from jaxslam.matching.gauss_newton import PosePrior
+from jaxslam.motion.base import AbstractMotionModel
+from jaxslam.sensor.base import AbstractSensorModel
+from jaxslam.sensor.field import DistanceField, Field
+from jaxslam.types import LidarScan, OdometryIncrement
+
+
+class Candidate(eqx.Module):
+    """A pose that was looked at.
+
+    Attributes:
+        pose: `[3]` (m, m, rad, world frame).
+        log_likelihood: of the scan there.
+        score: that and what the prior says.
+    """
+
+    pose: Float[Array, "*n 3"]
+    log_likelihood: Float[Array, "*n"]
+    score: Float[Array, "*n"]
+
+
+class Judge(eqx.Module):
+    r"""$\log\Gamma(x) = \log p(z\mid x,m) + w\,\log p(x\mid x_{t-1},u)$, tobacco (12).
+
+    Attributes:
+        field: the particle's map.
+        scan: z.
+        sensor: p(z | x, m).
+        prior: p(x | x_prev, u) about the motion model's draw.
+        prior_score: w: the sensor model counts a scan for less than its beams, and the prior must not win.
+    """
+
+    field: Field
+    scan: LidarScan
+    sensor: AbstractSensorModel
+    prior: PosePrior
+    prior_score: float | Float[Array, ""]
+
+    def candidate(self, pose: Float[Array, "3"]) -> Candidate:
+        """The pose `[3]` with its score."""
+        log_likelihood = self.sensor.log_prob(self.field, self.scan, pose)
+        return Candidate(pose, log_likelihood, log_likelihood + self.prior_score * self.prior.log_prob(pose))
+
+    def pair(self, one: Float[Array, "3"], other: Float[Array, "3"]) -> tuple[Candidate, Candidate]:
+        """Two poses: compiled once for both, and what the scan alone decides is shared."""
+        both = jax.vmap(self.candidate)(jnp.stack([one, other]))
+        return jax.tree.map(lambda leaf: leaf[0], both), jax.tree.map(lambda leaf: leaf[1], both)
+
+
+def better(best: Candidate, other: Candidate) -> Candidate:
+    """The higher-scoring of two, the first of equals; a NaN never wins."""
+    wins = other.score > best.score
+    return jax.tree.map(lambda new, old: jnp.where(wins, new, old), other, best)
+
+
+def share_explained(field: DistanceField, ends: ScanPoints, pose: Float[Array, "3"]) -> Float[Array, ""]:
+    """Share of the valid beams that end near an obstacle, or where the map knows nothing."""
+    squared, unseen = field.look_up(se2.apply(pose, ends.points))
+    explained: Bool[Array, "B"] = unseen | (squared < (field.radius * field.resolution) ** 2)
+    num_valid = jnp.sum(ends.valid, dtype=jnp.float32)
+    return jnp.sum(ends.valid & explained, dtype=jnp.float32) / jnp.maximum(num_valid, 1.0)
+
+
+def prior_about(
+    motion: AbstractMotionModel,
+    odometry: OdometryIncrement,
+    drawn: Float[Array, "3"],
+    translation: float | Float[Array, ""],
+    rotation: float | Float[Array, ""],
+) -> PosePrior:
+    """The motion model's precision about a draw `[3]` from it, turned into the world's axes.
+
+    Args:
+        motion: the model.
+        odometry: the increment.
+        drawn: `[3]` the centre: each particle keeps its own.
+        translation: what the precision in position counts for.
+        rotation: and that in heading.
+    """
+    scale = jnp.sqrt(jnp.asarray([translation, translation, rotation]))
+    precision = inverse_symmetric(motion.covariance(odometry))
+    cos, sin = jnp.cos(drawn[2]), jnp.sin(drawn[2])
+    one, zero = jnp.ones_like(cos), jnp.zeros_like(cos)
+    turn = jnp.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one]).reshape(3, 3)
+    return PosePrior(drawn, turn @ precision @ turn.T * scale[:, None] * scale[None, :])

@@ -30,8 +30,8 @@ from jaxslam.variants import kind
 
 Number = float | Float[Array, ""]
 
-METHODS: dict[str, str] = {"rbpf": "motion", "gmapping": "matched"}
-"""Proposal by method: `rbpf` is the traditional filter, `gmapping` matches scans."""
+METHODS: dict[str, str] = {"rbpf": "motion", "gmapping": "matched", "fruit-fly": "fruit_fly"}
+"""Proposal by method: `rbpf` the traditional filter, `gmapping` matches scans, `fruit-fly` has a swarm."""
 
 _MAX_CELLS = 2**31 - 1
 

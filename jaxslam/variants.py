@@ -4,6 +4,7 @@ import equinox as eqx
 
 from jaxslam.motion import AbstractMotionModel, GaussianMotion, OdometryMotion, VelocityMotion
 from jaxslam.proposal.base import AbstractProposal
+from jaxslam.proposal.fruit_fly import FruitFlyProposal
 from jaxslam.proposal.matched import MatchedProposal
 from jaxslam.proposal.motion import MotionProposal
 from jaxslam.resampling import (
@@ -28,6 +29,7 @@ VARIANTS: dict[type[eqx.Module], dict[str, type[eqx.Module]]] = {
     AbstractProposal: {
         "motion": MotionProposal,
         "matched": MatchedProposal,
+        "fruit_fly": FruitFlyProposal,
     },
     AbstractResampler: {
         "systematic": SystematicResampler,

@@ -17,7 +17,9 @@ Margin = Annotated[str | None, arg(metavar="METRES", help_behavior_hint=_FROM_CO
 LidarName = Annotated[
     str | None, arg(metavar="NAME", help_behavior_hint="(default: chosen by the log's scans)")
 ]
-MethodName = Annotated[str | None, arg(metavar="rbpf|gmapping", help_behavior_hint="(default: gmapping)")]
+MethodName = Annotated[
+    str | None, arg(metavar="rbpf|gmapping|fruit-fly", help_behavior_hint="(default: gmapping)")
+]
 Assignments = Annotated[
     UseAppendAction[tuple[str, ...]], arg(metavar="NAME=VALUE", help_behavior_hint="(default: none)")
 ]
@@ -33,7 +35,8 @@ class Run:
     log: LogPath
     """The log file, or the folder of a ROS 2 bag."""
     method: MethodName = None
-    """rbpf moves the particles by odometry alone; gmapping matches every scan to every particle's map."""
+    """rbpf moves the particles by odometry alone; gmapping matches every scan to every particle's map;
+    fruit-fly aligns it by ICP and lets a swarm look for a better pose."""
     particles: Particles = None
     """Number of particles, each with a map of its own."""
     seed: int = 0
@@ -101,7 +104,8 @@ class Config:
     lidar: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: sick)")] = None
     """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01 or lds-02."""
     method: MethodName = None
-    """rbpf moves the particles by odometry alone; gmapping matches every scan to every particle's map."""
+    """rbpf moves the particles by odometry alone; gmapping matches every scan to every particle's map;
+    fruit-fly aligns it by ICP and lets a swarm look for a better pose."""
     particles: Particles = None
     """Number of particles, each with a map of its own."""
     config: File = None

@@ -29,7 +29,7 @@ class Belief(eqx.Module):
 
 
 class Measurement(eqx.Module):
-    """A reading of some components of the state.
+    """A reading of some components of the state; stacked over time, `[M, 6]`, in a stream.
 
     Attributes:
         value: `[6]`; what is not `seen` is not looked at.
@@ -37,9 +37,9 @@ class Measurement(eqx.Module):
         seen: `[6]` which components were read.
     """
 
-    value: Float[Array, "6"]
-    variance: Float[Array, "6"]
-    seen: Bool[Array, "6"]
+    value: Float[Array, "*M 6"]
+    variance: Float[Array, "*M 6"]
+    seen: Bool[Array, "*M 6"]
 
 
 class Updated(eqx.Module):
@@ -71,9 +71,9 @@ class EKF(eqx.Module):
         frame: of the rates, "body" or "world" (static).
     """
 
-    acceleration: float | Float[Array, ""] = 1.0
+    acceleration: float | Float[Array, ""] = 0.5
     lateral_acceleration: float | Float[Array, ""] = 0.1
-    angular_acceleration: float | Float[Array, ""] = 2.0
+    angular_acceleration: float | Float[Array, ""] = 0.5
     gate: bool = eqx.field(static=True, default=True)
     frame: Literal["body", "world"] = eqx.field(static=True, default="body")
 
@@ -92,7 +92,7 @@ class EKF(eqx.Module):
         innovation = innovation.at[HEADING].set(se2.wrap(innovation[HEADING]))
         innovation = jnp.where(seen, innovation, 0.0)
         # Rows of components that were not read: zero in H, one in R. They change nothing.
-        observe = jnp.eye(STATE_SIZE, size, dtype=belief.mean.dtype) * seen[:, None]
+        observe = jnp.where(seen[:, None], jnp.eye(STATE_SIZE, size, dtype=belief.mean.dtype), 0.0)
         variance = jnp.where(seen, measurement.variance, 1.0)
         noise = jnp.diag(variance)
         spread = observe @ belief.covariance @ observe.T + noise

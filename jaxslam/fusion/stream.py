@@ -35,8 +35,8 @@ class OdometerNoise(eqx.Module):
     speed: float = 0.05
     speed_floor: float = 0.02
     lateral: float = 0.02
-    turning: float = 0.1
-    turning_floor: float = 0.05
+    turning: float = 0.3
+    turning_floor: float = 0.1
     position_per_metre: float = 0.05
     heading_per_metre: float = 0.05
 
@@ -62,9 +62,9 @@ class Events(eqx.Module):
         source: `ODOMETRY`, `IMU` or `QUERY`.
     """
 
-    dt: Float[Array, "M"]
+    dt: Float[Array, "*M"]
     measurement: Measurement
-    source: Int[Array, "M"]
+    source: Int[Array, "*M"]
 
 
 @dataclass(frozen=True)

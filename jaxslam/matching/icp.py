@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxslam import se2
+from jaxslam.checks import require_at_least_zero
 from jaxslam.lidar.beams import ScanPoints
 from jaxslam.linalg import inverse_symmetric
 from jaxslam.sensor.field import DistanceField, Field
@@ -43,6 +44,10 @@ class ICP(eqx.Module):
     Attributes:
         trim: pairs farther apart than so many times the mean distance of all are left out.
         least_trim: but none nearer than this, metres.
+        point_weight: what an end point without a wall counts for.
+        half_range: range at which an end point counts half, metres.
+        relaxation: factor on every step, under 2. The points on one wall hold back those on another, so a
+            step of the plain algorithm, 1, goes only part of the way.
         tolerance: converged when a step is shorter than this, metres, and turns by less than as many
             radians.
         across_walls: partners on the map lie straight across the wall that a point's neighbours show, and not
@@ -53,10 +58,16 @@ class ICP(eqx.Module):
 
     trim: float | Float[Array, ""] = 2.5
     least_trim: float | Float[Array, ""] = 0.1
+    point_weight: float | Float[Array, ""] = 0.2
+    half_range: float | Float[Array, ""] = 8.0
+    relaxation: float | Float[Array, ""] = 1.9
     tolerance: float | Float[Array, ""] = 1e-4
     across_walls: bool = eqx.field(static=True, default=True)
     coarse_iterations: int = eqx.field(static=True, default=6)
     num_iterations: int = eqx.field(static=True, default=14)
+
+    def __check_init__(self):
+        require_at_least_zero(self, positive=("trim", "half_range", "relaxation"))
 
     def match(self, field: Field, ends: ScanPoints, start: Float[Array, "3"]) -> Alignment:
         """Aligns a scan with a map, from the base pose `start` `[3]` in the world frame."""
@@ -97,12 +108,13 @@ class ICP(eqx.Module):
         ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
             pose, converged = carry
             partners, distance, known = partners_of(pose)
-            weights = self._inliers(distance, ends.valid & known)
-            fitted = rigid_fit(ends.points, partners, weights)
-            enough = jnp.sum(weights) >= 3
+            inliers = self._inliers(distance, ends.valid & known)
+            fitted = rigid_fit(ends.points, partners, inliers * self._worth(ends))
+            enough = jnp.sum(inliers) >= 3
             step = se2.relative(pose, fitted)
             still = (jnp.hypot(step[0], step[1]) < self.tolerance) & (jnp.abs(step[2]) < self.tolerance)
-            moved = jnp.where(converged | ~enough, pose, fitted)
+            longer = se2.compose(pose, self.relaxation * step)
+            moved = jnp.where(converged | ~enough, pose, longer)
             return moved, converged | (enough & still)
 
         return jax.lax.fori_loop(0, num_iterations, iterate, (start, jnp.zeros((), bool)))
@@ -125,6 +137,12 @@ class ICP(eqx.Module):
         mean = jnp.sum(jnp.where(usable, distance, 0.0)) / jnp.maximum(count, 1.0)
         near = distance <= jnp.maximum(self.trim * mean, self.least_trim)
         return (usable & near).astype(jnp.float32)
+
+    def _worth(self, ends: ScanPoints) -> Float[Array, "B"]:
+        """What each end point counts for, by its range and whether its wall is known."""
+        flat = (ends.normals[:, 0] != 0.0) | (ends.normals[:, 1] != 0.0)
+        squared = jnp.sum(ends.points * ends.points, axis=1)
+        return jnp.where(flat, 1.0, self.point_weight) / (1.0 + squared / self.half_range**2)
 
     def _finish(
         self,

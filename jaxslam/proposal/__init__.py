@@ -1,7 +1,8 @@
 """Proposals: where a filter's particles go."""
 
 from jaxslam.proposal.base import AbstractProposal, Proposed
+from jaxslam.proposal.fruit_fly import FruitFlyProposal
 from jaxslam.proposal.matched import MatchedProposal
 from jaxslam.proposal.motion import MotionProposal
 
-__all__ = ["AbstractProposal", "MatchedProposal", "MotionProposal", "Proposed"]
+__all__ = ["AbstractProposal", "FruitFlyProposal", "MatchedProposal", "MotionProposal", "Proposed"]

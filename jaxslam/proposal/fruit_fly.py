@@ -50,6 +50,7 @@ class FruitFlyProposal(AbstractProposal):
         min_valid_beams: with fewer the pose is the motion model's draw.
         use_icp: whether ICP is run (static).
         use_flies: whether the swarm is (static).
+        polish: whether the swarm's winner is aligned again (static).
         max_beams: beams used by ICP, evenly spread over the scan (static).
         fly_beams: beams of a fly's fitness (static).
 
@@ -63,7 +64,7 @@ class FruitFlyProposal(AbstractProposal):
     search: CorrelativeSearch = CorrelativeSearch()
     prior_translation: float | Float[Array, ""] = 0.1
     prior_rotation: float | Float[Array, ""] = 0.1
-    prior_score: float | Float[Array, ""] = 0.9
+    prior_score: float | Float[Array, ""] = 0.5
     step_translation: float | Float[Array, ""] = 0.03
     step_rotation: float | Float[Array, ""] = 0.02
     reach_translation: float | Float[Array, ""] = 0.5
@@ -74,6 +75,7 @@ class FruitFlyProposal(AbstractProposal):
     min_valid_beams: float | Float[Array, ""] = 5.0
     use_icp: bool = eqx.field(static=True, default=True)
     use_flies: bool = eqx.field(static=True, default=True)
+    polish: bool = eqx.field(static=True, default=True)
     max_beams: int = eqx.field(static=True, default=180)
     fly_beams: int = eqx.field(static=True, default=60)
 
@@ -90,8 +92,8 @@ class FruitFlyProposal(AbstractProposal):
         sensor: AbstractSensorModel,
     ) -> Proposed:
         """Draws, looks round, aligns, lets the flies out, searches if lost, and keeps the best."""
-        key_draw, key_flies = jax.random.split(key)
-        drawn = motion.sample(key_draw, pose, inputs.odometry)
+        drawn = motion.sample(key, pose, inputs.odometry)
+        key_flies = jax.random.fold_in(key, 1)
         prior = prior_about(motion, inputs.odometry, drawn, self.prior_translation, self.prior_rotation)
         judge = Judge(field, inputs.scan, sensor, prior, self.prior_score)
         ends = scan_points(inputs.scan, self.max_beams)
@@ -115,7 +117,8 @@ class FruitFlyProposal(AbstractProposal):
 
         best = run_if(lost, search, best)
         if self.use_flies:
-            best = better(best, judge.candidate(self._swarm(key_flies, field.fine, ends, best.pose, prior)))
+            found = self._swarm(key_flies, field.fine, ends, best.pose, prior)
+            best = better(best, judge.candidate(align(found) if self.polish else found))
         few = jnp.where(enough, 0, Flag.FEW_VALID_BEAMS.value)
         searched = jnp.where(lost, Flag.SEARCHED.value, 0)
         return Proposed(

@@ -1,5 +1,7 @@
 """What every proposal must do, over a registry of all of them."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,12 +11,17 @@ import jaxslam.proposal
 from jaxslam import se2
 from jaxslam.flags import Flag
 from jaxslam.motion import OdometryMotion
-from jaxslam.proposal import AbstractProposal, MatchedProposal, MotionProposal
+from jaxslam.optimise import FruitFlies
+from jaxslam.proposal import AbstractProposal, FruitFlyProposal, MatchedProposal, MotionProposal
 from jaxslam.sensor import LikelihoodField, field_of_map
 from jaxslam.types import LidarScan, OdometryIncrement, StepInputs
 
 NUM_BEAMS = 36
-PROPOSALS = {"motion": MotionProposal(), "matched": MatchedProposal(max_beams=NUM_BEAMS)}
+PROPOSALS = {
+    "motion": MotionProposal(),
+    "matched": MatchedProposal(max_beams=NUM_BEAMS),
+    "fruit_fly": FruitFlyProposal(max_beams=NUM_BEAMS, flies=FruitFlies(8, 4)),
+}
 every_proposal = pytest.mark.parametrize("proposal", PROPOSALS.values(), ids=PROPOSALS.keys())
 POSE = jnp.asarray([0.2, -0.3, 0.4], jnp.float32)
 DELTA = jnp.asarray([0.3, 0.0, 0.1], jnp.float32)
@@ -124,10 +131,12 @@ def test_draws_lie_around_the_truth_and_differ(proposal):
     assert not np.asarray(proposed.flags).any()
 
 
-def test_matching_brings_the_draws_together_at_the_truth():
+@pytest.mark.parametrize("matching", ["matched", "fruit_fly"])
+def test_matching_brings_the_draws_together_at_the_truth(matching):
     keys, poses = jax.random.split(jax.random.key(3), 16), jnp.tile(POSE[None], (16, 1))
     drawn, matched = (
-        np.asarray(sample_many(PROPOSALS[name], keys, poses, inputs_of()).pose) for name in PROPOSALS
+        np.asarray(sample_many(PROPOSALS[name], keys, poses, inputs_of()).pose)
+        for name in ("motion", matching)
     )
     # Half a cell is what matching may leave: the prior still pulls towards each draw.
     assert np.abs(matched - TRUTH).max() < 0.05
@@ -140,12 +149,35 @@ def test_a_blind_scan_leaves_the_motion_models_draw(proposal):
     proposed = sample(proposal, key, POSE, inputs_of(valid=False))
     drawn = MOTION.sample(key, POSE, inputs_of().odometry)
     np.testing.assert_allclose(proposed.pose, drawn, atol=1e-6)
-    few = Flag.FEW_VALID_BEAMS if isinstance(proposal, MatchedProposal) else 0
+    few = 0 if isinstance(proposal, MotionProposal) else Flag.FEW_VALID_BEAMS
     assert int(proposed.flags) == few
 
 
-def test_a_lost_particle_searches_and_says_so():
+@pytest.mark.parametrize("matching", ["matched", "fruit_fly"])
+def test_a_lost_particle_searches_and_says_so(matching):
     lost = POSE + jnp.asarray([0.7, 0.5, 0.35], jnp.float32)
-    matched = MatchedProposal(max_beams=NUM_BEAMS, lost_below=1.1)
+    matched = dataclasses.replace(PROPOSALS[matching], lost_below=1.1)
     proposed = sample(matched, jax.random.key(5), lost, inputs_of())
     assert int(proposed.flags) == Flag.SEARCHED
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"use_icp": False},
+        {"use_flies": False},
+        {"polish": False},
+        {"flies": FruitFlies.standard(8, 4)},
+        {"flies": FruitFlies(8, 4, crossover=False)},
+        {"flies": FruitFlies(1, 3)},
+        {"flies": FruitFlies(8, 0)},
+    ],
+    ids=str,
+)
+def test_every_stage_of_the_fruit_flies_can_be_switched_off(changed):
+    """And none makes the particle worse than the motion model's draw, by the score that it compares."""
+    proposal = dataclasses.replace(PROPOSALS["fruit_fly"], **changed)
+    keys, poses = jax.random.split(jax.random.key(6), 8), jnp.tile(POSE[None], (8, 1))
+    proposed = sample_many(proposal, keys, poses, inputs_of())
+    drawn = sample_many(PROPOSALS["motion"], keys, poses, inputs_of())
+    assert np.all(np.asarray(proposed.log_likelihood) > np.asarray(drawn.log_likelihood) - 1e-4)

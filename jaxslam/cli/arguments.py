@@ -114,9 +114,40 @@ class Config:
     """Settings by name, such as sensor.sigma_hit=0.1, any number of them; they come last."""
 
 
+@dataclass(frozen=True)
+class Fuse:
+    """Fuse wheel odometry and IMU of a log by a Kalman filter, and write the trajectory."""
+
+    log: LogPath
+    """The log file, or the folder of a ROS 2 bag."""
+    out: Annotated[Path, arg(metavar="DIR")] = Path("runs/fuse")
+    """Folder for the results; made if it is not there, overwritten file by file if it is."""
+    imu_yaw_axis: Annotated[
+        str | None, arg(metavar="x|y|z|-x|-y|-z", help_behavior_hint="(default: from the log, or gravity)")
+    ] = None
+    """The IMU's axis that points up."""
+    gps: Switch = False
+    """Compare with the log's GPS fixes, after the best rotation and shift."""
+    wheel_radius: Annotated[float | None, arg(metavar="METRES", help_behavior_hint="(default: none)")] = None
+    """Odometry from the wheels' angles (JointState) instead of the log's own; needs --track."""
+    track: Annotated[float | None, arg(metavar="METRES", help_behavior_hint="(default: none)")] = None
+    """Distance between the wheels, for --wheel-radius."""
+    odometry_poses: Switch = False
+    """Read the odometry's pose as well as its rates, as the paper has it."""
+    imu_headings: Switch = False
+    """Read the IMU's heading as well as its rate; it may be a compass beside iron."""
+    world_frame: Switch = False
+    """The linear filter, its velocities along the world's axes, as the paper has it."""
+    odom_topic: Topic = None
+    """Of a bag: topic of the wheel odometry."""
+    imu_topic: Topic = None
+    """Of a bag: topic of the IMU."""
+
+
 Command = (
     Annotated[Run, subcommand("run")]
     | Annotated[Demo, subcommand("demo")]
     | Annotated[Info, subcommand("info")]
     | Annotated[Config, subcommand("config")]
+    | Annotated[Fuse, subcommand("fuse")]
 )

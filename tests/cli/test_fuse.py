@@ -1,0 +1,52 @@
+"""`jaxslam fuse` on real bags, and on logs that it cannot use."""
+
+import json
+
+import numpy as np
+import pytest
+
+from jaxslam.cli import main
+from jaxslam.io import read_tum
+
+
+def test_husky_against_gps(data_dir, tmp_path, capsys):
+    assert main(["fuse", str(data_dir / "bags/husky.bag"), "--gps", "--out", str(tmp_path)]) == 0
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    # Wheel speed with the gyro's yaw, unfiltered, ends at 3.29 m.
+    assert metrics["gps"]["rmse_m"] < 3.29 < metrics["gps_odometry_alone"]["rmse_m"]
+    assert metrics["gps"]["n"] == 989
+    assert metrics["imu_axis"] == [0, 1, 0]
+    assert metrics["imu_axis_from"] == "gravity"
+    assert metrics["rates_hz"]["imu"] == pytest.approx(30, abs=1)
+    stamps, poses = read_tum(tmp_path / "trajectory.tum")
+    assert len(stamps) == len(poses) == 3952
+    assert np.isfinite(poses).all()
+    assert (tmp_path / "sigma.png").stat().st_size > 10_000
+    assert "2." in capsys.readouterr().out
+
+
+def test_wheel_angles_are_a_source(data_dir, tmp_path):
+    bag = str(data_dir / "bags/turtlebot3_drive.mcap")
+    assert main(["fuse", bag, "--wheel-radius", "0.033", "--track", "0.16", "--out", str(tmp_path)]) == 0
+    _, poses = read_tum(tmp_path / "trajectory.tum")
+    # Out and back: net yaw by the gyro 3.60 rad, by the wheels 3.92.
+    net = np.unwrap(poses[:, 2])[-1] - poses[0, 2]
+    assert abs(net - 3.60) < abs(net - 3.92)
+
+
+@pytest.mark.parametrize(
+    ("log", "flags", "message"),
+    [
+        ("carmen/csail.clf.gz", [], "no IMU in it, so there is nothing to fuse"),
+        ("bags/turtlebot3_drive.mcap", ["--gps"], "no GPS fix in it"),
+        ("bags/husky.bag", ["--imu-yaw-axis", "w"], "--imu-yaw-axis is 'w': give one of x, y, z"),
+        ("bags/turtlebot3_drive.mcap", ["--track", "0.16"], "--wheel-radius and --track go together"),
+        ("bags/husky.bag", ["--track", "1", "--wheel-radius", "1"], "no wheel angles"),
+        ("bags/turtlebot3_drive.mcap", ["--track", "0", "--wheel-radius", "1"], "the track is 0.0 m"),
+    ],
+)
+def test_what_cannot_be_fused_is_one_line(data_dir, tmp_path, capsys, log, flags, message):
+    assert main(["fuse", str(data_dir / log), *flags, "--out", str(tmp_path)]) == 2
+    last = capsys.readouterr().err.strip().splitlines()[-1]
+    assert last.startswith("jaxslam: error: ")
+    assert message in last

@@ -59,6 +59,12 @@ class Run:
     """Of a bag: topic of the wheel odometry."""
     imu_topic: Topic = None
     """Of a bag: topic of the IMU."""
+    fuse: Switch = False
+    """Fuse the odometry with the log's IMU first; the fused covariance then moves the particles."""
+    imu_yaw_axis: Annotated[
+        str | None, arg(metavar="x|y|z|-x|-y|-z", help_behavior_hint="(default: from the log, or gravity)")
+    ] = None
+    """For --fuse: the IMU's axis that points up."""
     gif: Switch = False
     """Also write map.gif, the map as it is built."""
     out: Annotated[

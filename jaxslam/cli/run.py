@@ -7,6 +7,7 @@ from jaxslam.cli.arguments import Run
 from jaxslam.cli.effective import effective_configuration
 from jaxslam.cli.mapping import check_seed, map_log, print_summary, warn
 from jaxslam.configuration import build, correct_scans
+from jaxslam.fusion import with_fused_odometry
 from jaxslam.inputs import prepare_inputs
 from jaxslam.io import SensorLog, read_log, read_relations, read_tum
 from jaxslam.presets import detect_lidar
@@ -34,12 +35,19 @@ def execute(command: Run, arguments: list[str]) -> None:
         config=command.config,
         lidar=command.lidar,
         method=command.method,
-        flags={"num_particles": command.particles, "map.margin": command.map_margin},
+        flags={
+            "num_particles": command.particles,
+            "map.margin": command.map_margin,
+            "motion.kind": "gaussian" if command.fuse else None,
+        },
         assignments=command.set,
         detect=lambda: detect_lidar(log),
     )
     log, timing = correct_scans(log, configuration.lidar)
     prepared = prepare_inputs(log, configuration.thinning)
+    fused = None
+    if command.fuse:
+        prepared, fused = with_fused_odometry(prepared, log, imu_yaw_axis=command.imu_yaw_axis)
     # Everything that can be wrong is read before the filter spends its minutes.
     measure = _measures(command, log)
     slam = build(configuration, prepared.odometry_bounds)
@@ -57,6 +65,7 @@ def execute(command: Run, arguments: list[str]) -> None:
             "command": shlex.join(["jaxslam", *arguments]),
             "log": {"path": str(command.log.resolve()), "sha256": file_sha256(command.log)},
             "versions": versions(),
+            "fused": None if fused is None else {"readings": fused.readings, "refused": fused.refused},
             "scan_timing": None if timing is None else dataclasses.asdict(timing),
         },
         accuracy=measure(result),

@@ -3,6 +3,7 @@
 from jaxslam.fusion.ekf import EKF, Belief, Measurement, Updated
 from jaxslam.fusion.fuse import Fused, filter_events, fuse
 from jaxslam.fusion.imu import AXES, YawTrack, yaw_track
+from jaxslam.fusion.prepare import with_fused_odometry
 from jaxslam.fusion.stream import Events, ImuNoise, OdometerNoise, Stream, merge
 
 __all__ = [
@@ -20,5 +21,6 @@ __all__ = [
     "filter_events",
     "fuse",
     "merge",
+    "with_fused_odometry",
     "yaw_track",
 ]

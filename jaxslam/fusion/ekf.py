@@ -115,12 +115,14 @@ class EKF(eqx.Module):
         if self.frame == "world":
             moved = mean.at[:3].add(dt * mean[3:6])
             return moved, jacobian.at[jnp.arange(3), jnp.arange(3, 6)].set(dt)
-        cos, sin = jnp.cos(mean[HEADING]), jnp.sin(mean[HEADING])
         along, across, turning = mean[3], mean[4], mean[5]
+        # Half way through the turn: the result hardly depends on how a time is cut into steps.
+        heading = mean[HEADING] + 0.5 * dt * turning
+        cos, sin = jnp.cos(heading), jnp.sin(heading)
         moved = mean.at[0].add(dt * (cos * along - sin * across))
         moved = moved.at[1].add(dt * (sin * along + cos * across)).at[2].add(dt * turning)
-        jacobian = jacobian.at[0, HEADING].set(-dt * (sin * along + cos * across))
-        jacobian = jacobian.at[1, HEADING].set(dt * (cos * along - sin * across))
+        by_heading = jnp.stack([-dt * (sin * along + cos * across), dt * (cos * along - sin * across)])
+        jacobian = jacobian.at[:2, HEADING].set(by_heading).at[:2, 5].set(0.5 * dt * by_heading)
         jacobian = jacobian.at[0, 3].set(dt * cos).at[0, 4].set(-dt * sin)
         jacobian = jacobian.at[1, 3].set(dt * sin).at[1, 4].set(dt * cos)
         return moved, jacobian.at[2, 5].set(dt)

@@ -34,6 +34,22 @@ def test_wheel_angles_are_a_source(data_dir, tmp_path):
     assert abs(net - 3.60) < abs(net - 3.92)
 
 
+def test_a_map_from_fused_odometry(data_dir, tmp_path):
+    bag, small = str(data_dir / "bags/turtlebot3_drive.mcap"), ["--particles", "3", "--set", "window=4"]
+    assert main(["run", bag, "--fuse", *small, "--out", str(tmp_path)]) == 0
+    run = json.loads((tmp_path / "run.json").read_text())
+    assert run["configuration"]["motion.kind"] == "gaussian"
+    assert run["fused"]["readings"]["imu"] == 1256
+    assert (tmp_path / "map.png").exists()
+
+
+def test_a_log_without_imu_cannot_be_mapped_fused(data_dir, tmp_path, capsys):
+    log = str(data_dir / "carmen/csail.clf.gz")
+    assert main(["run", log, "--fuse", "--out", str(tmp_path / "new")]) == 2
+    assert "no IMU in it" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
 @pytest.mark.parametrize(
     ("log", "flags", "message"),
     [

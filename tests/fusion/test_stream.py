@@ -1,12 +1,14 @@
 """Sensors merged into one stream, and what comes out of it."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from jaxslam.fusion import EKF, ImuNoise, OdometerNoise, fuse, merge, yaw_track
-from jaxslam.io.log import ImuTrack, LogError, OdometryTrack
+from jaxslam.fusion import EKF, ImuNoise, OdometerNoise, fuse, merge, with_fused_odometry, yaw_track
+from jaxslam.inputs import Thinning, prepare_inputs
+from jaxslam.io.log import ImuTrack, LogError, OdometryTrack, ScanTrack, SensorLog
 
 STAMPS = np.arange(0.0, 20.0, 0.1)
 QUERIES = np.arange(0.0, 19.5, 0.5)
@@ -135,3 +137,25 @@ def test_a_repeated_stamp_is_read_once():
 def test_poses_can_be_read_as_the_paper_has_it():
     fused = run(odometry(), yaw_track(imu(), None), use_poses=True)
     assert np.hypot(*(fused.poses - truth(QUERIES))[:, :2].T).max() < 0.1
+
+
+def test_inputs_get_the_fused_increments():
+    wheels = odometry(scale=1.2)
+    beams = np.ones((len(STAMPS), 8), np.float32)
+    per_scan = np.zeros(len(STAMPS))
+    scans = ScanTrack(
+        STAMPS, beams, np.full(len(STAMPS), 8), per_scan, per_scan + 0.7, 0.1, 5.0, np.zeros(3), True, "scan"
+    )
+    log = SensorLog(Path("circle"), odometry=wheels, imu=imu(), scans=scans)
+    plain = prepare_inputs(log, Thinning(0.5, 0.5))
+    prepared, fused = with_fused_odometry(plain, log)
+    delta = np.asarray(prepared.inputs.odometry.delta)
+    intervals = np.diff(prepared.stamps)
+    assert np.abs(delta[1:, 2] - 0.5 * intervals).max() < 0.05
+    assert np.abs(np.asarray(plain.inputs.odometry.delta)[1:, 2] - 0.5 * intervals).max() > 0.08
+    assert np.linalg.eigvalsh(prepared.inputs.odometry.covariance[1:]).min() > 0
+    np.testing.assert_array_equal(prepared.scan_index, plain.scan_index)
+    # Asked more often, the filter takes shorter steps.
+    np.testing.assert_allclose(prepared.all_odometry[plain.scan_index], fused.poses, atol=2e-3)
+    with pytest.raises(LogError, match="no IMU in it"):
+        with_fused_odometry(plain, dataclasses.replace(log, imu=None))

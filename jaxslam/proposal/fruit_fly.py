@@ -117,7 +117,7 @@ class FruitFlyProposal(AbstractProposal):
 
         best = run_if(lost, search, best)
         if self.use_flies:
-            found = self._swarm(key_flies, field.fine, ends, best.pose, prior)
+            found = self.swarm(key_flies, field.fine, ends, best.pose, prior)
             best = better(best, judge.candidate(align(found) if self.polish else found))
         few = jnp.where(enough, 0, Flag.FEW_VALID_BEAMS.value)
         searched = jnp.where(lost, Flag.SEARCHED.value, 0)
@@ -128,7 +128,7 @@ class FruitFlyProposal(AbstractProposal):
             flags=(few | searched).astype(jnp.int32),
         )
 
-    def _swarm(
+    def swarm(
         self,
         key: PRNGKeyArray,
         field: DistanceField,
@@ -136,7 +136,15 @@ class FruitFlyProposal(AbstractProposal):
         start: Float[Array, "3"],
         prior: PosePrior,
     ) -> Float[Array, "3"]:
-        """Best pose `[3]` that a swarm around `start` comes to."""
+        """Best pose that a swarm comes to, by its own fitness.
+
+        Args:
+            key: PRNG key.
+            field: the particle's map.
+            ends: the scan, of which `fly_beams` are looked at.
+            start: `[3]` where the flies set out, and what the result is no worse than.
+            prior: p(x | x_prev, u).
+        """
         chosen = spread_beams(ends.valid.shape[0], self.fly_beams)
         points, valid = ends.points[chosen], ends.valid[chosen]
         total = jnp.sum(ends.valid, dtype=jnp.float32)

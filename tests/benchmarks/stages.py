@@ -11,6 +11,8 @@ from jaxslam.grid.occupancy import add_scan, cells_from_lidar, quantise, range_t
 from jaxslam.grid.window import copy_maps, read_windows, window_origin, window_start, write_windows
 from jaxslam.lidar.beams import scan_points
 from jaxslam.matching.gauss_newton import GaussNewton, PosePrior
+from jaxslam.matching.icp import ICP
+from jaxslam.proposal.fruit_fly import FruitFlyProposal
 from jaxslam.resampling.adaptive import AdaptiveResampling
 from jaxslam.resampling.permute import keep_survivors_in_place
 from jaxslam.sensor.field import prepare_field, window_rows
@@ -63,6 +65,31 @@ def match(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
 
     precision = jnp.diag(jnp.asarray([400.0, 400.0, 4000.0], jnp.float32))
     return Stage(match_all, (state.poses, _fields(slam, state, inputs), inputs, GaussNewton(), precision))
+
+
+def icp(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
+    """All beams, its default number of iterations on both levels."""
+
+    def align_all(poses, fields, inputs, matcher):
+        ends = scan_points(inputs.scan)
+        return jax.vmap(lambda pose, field: matcher.match(field, ends, pose))(poses, fields)
+
+    return Stage(align_all, (state.poses, _fields(slam, state, inputs), inputs, ICP()))
+
+
+def fruit_flies(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
+    """The default swarm around every particle."""
+
+    def fly_all(poses, fields, inputs, proposal, precision, key):
+        ends = scan_points(inputs.scan)
+        keys = jax.random.split(key, poses.shape[0])
+        return jax.vmap(
+            lambda key, pose, field: proposal.swarm(key, field, ends, pose, PosePrior(pose, precision))
+        )(keys, poses, fields.fine)
+
+    precision = jnp.diag(jnp.asarray([400.0, 400.0, 4000.0], jnp.float32))
+    fields = _fields(slam, state, inputs)
+    return Stage(fly_all, (state.poses, fields, inputs, FruitFlyProposal(), precision, jax.random.key(5)))
 
 
 def propose(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
@@ -140,6 +167,8 @@ STAGES = {
     "read windows": read,
     "distance field": distance_field,
     "match": match,
+    "icp": icp,
+    "fruit flies": fruit_flies,
     "propose": propose,
     "score": score,
     "integrate scan": integrate,

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float, Int
 from jaxslam import se2
 from jaxslam.checks import require_at_least_zero
 from jaxslam.lidar.beams import ScanPoints
-from jaxslam.linalg import solve_symmetric
+from jaxslam.linalg import solve_symmetric, sums
 from jaxslam.sensor.field import DistanceField
 
 DAMPING = 1e-3
@@ -108,15 +108,8 @@ class GaussNewton(eqx.Module):
             theta * slope_theta,
         )
         products = (x * residual, y * residual, theta * residual)
-        xx, xy, xt, yy, yt, tt, *gradient = _sums((*squares, *products))
+        xx, xy, xt, yy, yt, tt, *gradient = sums((*squares, *products))
         return jnp.stack([xx, xy, xt, xy, yy, yt, xt, yt, tt]).reshape(3, 3), jnp.stack(gradient)
-
-
-def _sums(terms: tuple[Float[Array, "B"], ...]) -> tuple[Float[Array, ""], ...]:
-    """The sum of each, in one pass: on two cores a match takes a quarter less than with a pass for each."""
-    zeros = tuple(jnp.zeros((), jnp.float32) for _ in terms)
-    sums = jax.lax.reduce(terms, zeros, lambda a, b: tuple(p + q for p, q in zip(a, b, strict=True)), (0,))
-    return tuple(sums)
 
 
 def _offset(from_pose: Float[Array, "3"], to_pose: Float[Array, "3"]) -> Float[Array, "3"]:

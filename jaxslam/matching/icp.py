@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxslam import se2
 from jaxslam.checks import require_at_least_zero
 from jaxslam.lidar.beams import ScanPoints
-from jaxslam.linalg import inverse_symmetric
+from jaxslam.linalg import inverse_symmetric, sums
 from jaxslam.sensor.field import DistanceField, Field
 
 _EMPTY = 1e-6
@@ -133,8 +133,8 @@ class ICP(eqx.Module):
 
     def _inliers(self, distance: Float[Array, "B"], usable: Bool[Array, "B"]) -> Float[Array, "B"]:
         """1 for the pairs that are kept, 0 for the others."""
-        count = jnp.sum(usable, dtype=jnp.float32)
-        mean = jnp.sum(jnp.where(usable, distance, 0.0)) / jnp.maximum(count, 1.0)
+        count, total = sums((usable.astype(jnp.float32), jnp.where(usable, distance, 0.0)))
+        mean = total / jnp.maximum(count, 1.0)
         near = distance <= jnp.maximum(self.trim * mean, self.least_trim)
         return (usable & near).astype(jnp.float32)
 
@@ -178,16 +178,31 @@ def rigid_fit(
         partners: `[B, 2]` metres, in the frame that the pose is given in.
         weights: `[B]` ≥ 0.
     """
-    total = jnp.maximum(jnp.sum(weights), _EMPTY)
-    centre = jnp.sum(points * weights[:, None], axis=0) / total
-    target = jnp.sum(partners * weights[:, None], axis=0) / total
-    from_x, from_y = (points - centre[None]).T
-    to_x, to_y = (partners - target[None]).T
-    cosine = jnp.sum(weights * (from_x * to_x + from_y * to_y))
-    sine = jnp.sum(weights * (from_x * to_y - from_y * to_x))
+    # Far from the world's origin the products would lose their digits.
+    origin = partners[0]
+    from_x, from_y = points[:, 0], points[:, 1]
+    to_x, to_y = partners[:, 0] - origin[0], partners[:, 1] - origin[1]
+    weighted_x, weighted_y = weights * from_x, weights * from_y
+    total, sum_from_x, sum_from_y, sum_to_x, sum_to_y, dot, cross = sums(
+        (
+            weights,
+            weighted_x,
+            weighted_y,
+            weights * to_x,
+            weights * to_y,
+            weighted_x * to_x + weighted_y * to_y,
+            weighted_x * to_y - weighted_y * to_x,
+        )
+    )
+    total = jnp.maximum(total, _EMPTY)
+    centre = jnp.stack([sum_from_x, sum_from_y]) / total
+    target = jnp.stack([sum_to_x, sum_to_y]) / total
+    cosine = dot - total * (centre[0] * target[0] + centre[1] * target[1])
+    sine = cross - total * (centre[0] * target[1] - centre[1] * target[0])
     # Where everything lies in one point, no angle is better than another.
     angle = jnp.where((cosine == 0.0) & (sine == 0.0), 0.0, jnp.arctan2(sine, cosine))
-    return jnp.append(target - se2.rotate_all(angle, centre), se2.wrap(angle))
+    place = target - se2.rotate_all(angle, centre) + jnp.where(total > _EMPTY, origin, 0.0)
+    return jnp.append(place, se2.wrap(angle))
 
 
 def _covariance(

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 Fitness = Callable[[Float[Array, "D"]], Float[Array, ""]]
 
@@ -33,6 +33,17 @@ class _Swarm(eqx.Module):
     fitness: Float[Array, "P"]
     best: Float[Array, "D"]
     best_fitness: Float[Array, ""]
+
+
+class _Draws(eqx.Module):
+    """Numbers in [0, 1) for a generation; stacked over generations, `[G, ...]`."""
+
+    generation: Float[Array, "*G"]
+    steps: Float[Array, "*G P D"]
+    cross_whether: Float[Array, "*G pairs"]
+    cross_share: Float[Array, "*G pairs D"]
+    mutant_which: Float[Array, "*G M D"]
+    mutant_steps: Float[Array, "*G M D"]
 
 
 class FruitFlies(eqx.Module):
@@ -125,18 +136,16 @@ class FruitFlies(eqx.Module):
         def within(position: Float[Array, "P D"]) -> Float[Array, "P D"]:
             return jnp.clip(position, lower[None], upper[None])
 
-        def generation(swarm: _Swarm, inputs: tuple[Array, Array]) -> tuple[_Swarm, Float[Array, ""]]:
-            key, index = inputs
-            key_fly, key_cross, key_mutate = jax.random.split(key, 3)
-            step_scale = scale * jnp.power(jnp.asarray(self.shrink, jnp.float32), index)
-            flown = within(swarm.position + self._steps(key_fly, self.num_flies, step_scale))
+        def generation(swarm: _Swarm, drawn: _Draws) -> tuple[_Swarm, Float[Array, ""]]:
+            step_scale = scale * jnp.power(jnp.asarray(self.shrink, jnp.float32), drawn.generation)
+            flown = within(swarm.position + self._steps(drawn.steps, step_scale))
             swarm = _record(swarm, flown, jax.vmap(score)(flown))
             if self.improved:
                 changed = swarm.position
                 if self.crossover:
-                    changed = _cross(key_cross, changed, swarm.fitness)
+                    changed = _cross(drawn, changed, swarm.fitness)
                 if self.mutation:
-                    changed = self._mutate(key_mutate, changed, swarm, step_scale)
+                    changed = self._mutate(drawn, changed, swarm, step_scale)
                 changed = within(changed)
                 swarm = _record(swarm, changed, jax.vmap(score)(changed))
             # All flies go to the best individual.
@@ -152,31 +161,39 @@ class FruitFlies(eqx.Module):
             best=start,
             best_fitness=first,
         )
-        indices = jnp.arange(self.num_generations, dtype=jnp.float32)
-        keys = jax.random.split(key, self.num_generations)
-        swarm, history = jax.lax.scan(generation, swarm, (keys, indices))
+        swarm, history = jax.lax.scan(generation, swarm, self._draw(key, start.shape[0]))
         return Found(swarm.best, swarm.best_fitness, history)
 
-    def _steps(self, key: PRNGKeyArray, count: int, scale: Float[Array, "D"]) -> Float[Array, "count D"]:
-        """Random steps, tobacco (17) or (18)."""
-        drawn = jax.random.uniform(key, (count, scale.shape[0]), jnp.float32, -1.0, 1.0)
+    def _draw(self, key: PRNGKeyArray, size: int) -> _Draws:
+        """All that is random, for all generations at once: a draw costs the same for one as for all."""
+        flies, generations = self.num_flies, self.num_generations
+        pairs, mutants = flies // 2, min(self.num_mutants, flies)
+        shapes = ((flies, size), (pairs,), (pairs, size), (mutants, size), (mutants, size))
+        keys = jax.random.split(key, len(shapes))
+        values = [
+            jax.random.uniform(key, (generations, *shape), jnp.float32)
+            for key, shape in zip(keys, shapes, strict=True)
+        ]
+        return _Draws(jnp.arange(generations, dtype=jnp.float32), *values)
+
+    def _steps(self, drawn: Float[Array, "n D"], scale: Float[Array, "D"]) -> Float[Array, "n D"]:
+        """Steps by tobacco (17) or (18), of numbers in [0, 1)."""
+        signed = 2.0 * drawn - 1.0
         if self.exponential:
-            drawn = jnp.sign(drawn) * jnp.expm1(jnp.abs(drawn))
-        return drawn * scale[None]
+            signed = jnp.sign(signed) * jnp.expm1(jnp.abs(signed))
+        return signed * scale[None]
 
     def _mutate(
-        self, key: PRNGKeyArray, position: Float[Array, "P D"], swarm: _Swarm, scale: Float[Array, "D"]
+        self, drawn: _Draws, position: Float[Array, "P D"], swarm: _Swarm, scale: Float[Array, "D"]
     ) -> Float[Array, "P D"]:
         """Mutated copies of the best flies in the places of the worst."""
-        key_steps, key_which = jax.random.split(key)
-        count = min(self.num_mutants, self.num_flies)
+        count = drawn.mutant_steps.shape[0]
         order = jnp.argsort(-swarm.fitness)
         best, worst = order[:count], order[self.num_flies - count :]
         # A component changes with the adaptive probability, and at least one does.
-        rate = _mutation_rate(swarm.fitness)[best]
-        chosen = jax.random.uniform(key_which, (count, scale.shape[0])) < rate[:, None]
+        chosen = drawn.mutant_which < _mutation_rate(swarm.fitness)[best][:, None]
         chosen = chosen | ~jnp.any(chosen, axis=1, keepdims=True)
-        steps = jnp.where(chosen, self._steps(key_steps, count, scale), 0.0)
+        steps = jnp.where(chosen, self._steps(drawn.mutant_steps, scale), 0.0)
         return position.at[worst].set(swarm.position[best] + steps)
 
 
@@ -192,21 +209,17 @@ def _record(swarm: _Swarm, position: Float[Array, "P D"], fitness: Float[Array, 
     )
 
 
-def _cross(
-    key: PRNGKeyArray, position: Float[Array, "P D"], fitness: Float[Array, "P"]
-) -> Float[Array, "P D"]:
-    """Random pairs crossed, with the adaptive probability; one fly of an odd number stays as it is."""
-    key_pairs, key_whether, key_share = jax.random.split(key, 3)
-    half = position.shape[0] // 2
-    order: Int[Array, "P"] = jax.random.permutation(key_pairs, position.shape[0])
-    one, other = order[:half], order[half : 2 * half]
-    rate = _crossover_rate(fitness, jnp.maximum(fitness[one], fitness[other]))
-    crossed = jax.random.uniform(key_whether, (half,)) < rate
-    share = jax.random.uniform(key_share, (half, position.shape[1]))
-    share = jnp.where(crossed[:, None], share, 1.0)
-    left, right = position[one], position[other]
-    position = position.at[one].set(share * left + (1.0 - share) * right)
-    return position.at[other].set((1.0 - share) * left + share * right)
+def _cross(drawn: _Draws, position: Float[Array, "P D"], fitness: Float[Array, "P"]) -> Float[Array, "P D"]:
+    """Pairs crossed, with the adaptive probability; one fly of an odd number stays as it is.
+
+    The flies have flown from one place by independent steps: any pairing is a random one.
+    """
+    half = drawn.cross_whether.shape[0]
+    left, right = position[:half], position[half : 2 * half]
+    rate = _crossover_rate(fitness, jnp.maximum(fitness[:half], fitness[half : 2 * half]))
+    share = jnp.where((drawn.cross_whether < rate)[:, None], drawn.cross_share, 1.0)
+    one, other = share * left + (1.0 - share) * right, (1.0 - share) * left + share * right
+    return jnp.concatenate([one, other, position[2 * half :]])
 
 
 def _crossover_rate(fitness: Float[Array, "P"], fitter: Float[Array, "pairs"]) -> Float[Array, "pairs"]:

@@ -109,8 +109,8 @@ def test_a_nan_never_wins():
 
 def test_the_exponential_step_is_that_of_the_paper():
     """±(e^r − 1), r in [0, 1]: up to 1.718, and half of them under e^½ − 1 = 0.649."""
-    flies = FruitFlies(num_flies=4000)
-    steps = np.asarray(flies._steps(jax.random.key(0), 4000, jnp.ones(1, jnp.float32)))
+    drawn = jax.random.uniform(jax.random.key(0), (4000, 1), jnp.float32)
+    steps = np.asarray(FruitFlies()._steps(drawn, jnp.ones(1, jnp.float32)))
     assert np.abs(steps).max() <= np.e - 1
     # The standard error of a share of one half among 4000 is 0.008.
     assert abs(np.mean(np.abs(steps) < np.exp(0.5) - 1) - 0.5) < 0.04

@@ -107,7 +107,7 @@ class Info:
 class Config:
     """Print the configuration as TOML, every setting with its unit: for a file to give to `run --config`."""
 
-    lidar: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: sick)")] = None
+    lidar: LidarName = None
     """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01 or lds-02."""
     method: MethodName = None
     """rbpf moves the particles by odometry alone; gmapping matches every scan to every particle's map;

@@ -3,6 +3,7 @@
 from jaxslam import toml
 from jaxslam.cli.arguments import Config
 from jaxslam.cli.effective import effective_configuration
+from jaxslam.configuration import Configuration
 from jaxslam.presets import PRESETS
 
 
@@ -16,7 +17,8 @@ def execute(command: Config, arguments: list[str]) -> None:
         assignments=command.set,
         detect=lambda: PRESETS["sick"],
     )
-    if command.lidar is None and command.config is None:
+    untouched = configuration.lidar == Configuration().lidar
+    if command.lidar is None and command.config is None and untouched:
         print("# The lidar is left out: the log's scans choose. `jaxslam config --lidar NAME` has it.")
         print(toml.dumps(configuration, without="lidar"), end="")
     else:

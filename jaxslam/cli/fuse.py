@@ -6,16 +6,16 @@ import numpy as np
 from jaxtyping import Float64
 
 from jaxslam.cli.arguments import Fuse
-from jaxslam.cli.mapping import warn
+from jaxslam.cli.mapping import warn, warn_if_assumed
 from jaxslam.fusion import EKF, Fused, ImuNoise, OdometerNoise, fuse, merge, yaw_track
-from jaxslam.io import FixTrack, LogError, read_log, write_tum
+from jaxslam.io import LogError, read_log, write_tum
+from jaxslam.io.gps import east_north
 from jaxslam.io.log import SensorLog
 from jaxslam.io.wheels import wheel_odometry
 from jaxslam.metrics import absolute_trajectory_error
 from jaxslam.report import file_sha256, make_folder, versions
 from jaxslam.report.folder import write_json
 
-_EARTH_RADIUS = 6_378_137.0
 _GPS_WITHIN = 0.3
 """A fix and a pose further apart in time than this are not compared, seconds."""
 
@@ -30,8 +30,7 @@ def execute(command: Fuse, arguments: list[str]) -> None:
     if command.wheel_radius is not None or command.track is not None:
         odometry = _wheels(command, log)
     yaw = yaw_track(log.imu, odometry, command.imu_yaw_axis)
-    if yaw.source == "assumed":
-        warn(["the log does not say how the IMU is mounted, nor does gravity: z is taken to point up"])
+    warn_if_assumed(yaw)
     fixes = _fixes(log) if command.gps else None
     stamps = log.imu.stamps if odometry is None else odometry.stamps
     stream = merge(
@@ -97,17 +96,10 @@ def _wheels(command: Fuse, log: SensorLog):
 
 
 def _fixes(log: SensorLog) -> tuple[Float64[np.ndarray, "M"], Float64[np.ndarray, "M 3"]]:
-    """Stamps and places in metres east and north of the first fix; the third column is no heading."""
+    """Stamps and places in metres east and north; the third column is no heading."""
     if log.fixes is None:
         raise LogError(f"{log.path}: no GPS fix in it for --gps")
-    return log.fixes.stamps, _east_north(log.fixes)
-
-
-def _east_north(fixes: FixTrack) -> Float64[np.ndarray, "M 3"]:
-    latitude, longitude = np.deg2rad(fixes.positions[:, 0]), np.deg2rad(fixes.positions[:, 1])
-    east = (longitude - longitude[0]) * np.cos(latitude[0]) * _EARTH_RADIUS
-    north = (latitude - latitude[0]) * _EARTH_RADIUS
-    return np.stack([east, north, np.zeros_like(east)], axis=-1)
+    return log.fixes.stamps, np.pad(east_north(log.fixes.positions), ((0, 0), (0, 1)))
 
 
 def _rate(stamps: Float64[np.ndarray, "M"]) -> float | None:

@@ -8,6 +8,7 @@ from typing import Any
 import jax
 
 from jaxslam.configuration import Configuration
+from jaxslam.fusion import YawTrack
 from jaxslam.inputs import PreparedInputs
 from jaxslam.io.sweep import SweepTiming
 from jaxslam.run import RunResult, Snapshot, run_log
@@ -27,6 +28,12 @@ def warn(lines: Iterable[str]) -> None:
     """Prints warnings, one line each, to stderr."""
     for line in lines:
         print(f"jaxslam: warning: {' '.join(line.split())}", file=sys.stderr)
+
+
+def warn_if_assumed(yaw: YawTrack) -> None:
+    """Warns of an IMU of which nothing tells how it is mounted."""
+    if yaw.source == "assumed":
+        warn(["the log does not say how the IMU is mounted, nor does gravity: z is taken to point up"])
 
 
 def describe_timing(timing: SweepTiming | None) -> str:

@@ -5,9 +5,9 @@ import shlex
 
 from jaxslam.cli.arguments import Run
 from jaxslam.cli.effective import effective_configuration
-from jaxslam.cli.mapping import check_seed, map_log, print_summary, warn
+from jaxslam.cli.mapping import check_seed, map_log, print_summary, warn, warn_if_assumed
 from jaxslam.configuration import build, correct_scans
-from jaxslam.fusion import with_fused_odometry
+from jaxslam.fusion import with_fused_odometry, yaw_track
 from jaxslam.inputs import prepare_inputs
 from jaxslam.io import SensorLog, read_log, read_relations, read_tum
 from jaxslam.presets import detect_lidar
@@ -30,6 +30,8 @@ _FEW_RELATIONS = 0.9
 def execute(command: Run, arguments: list[str]) -> None:
     """Maps a log and writes its run folder."""
     check_seed(command.seed)
+    if command.imu_yaw_axis is not None and not command.fuse:
+        raise ValueError("--imu-yaw-axis is for --fuse, which was not given")
     log = _read(command)
     configuration = effective_configuration(
         config=command.config,
@@ -48,6 +50,8 @@ def execute(command: Run, arguments: list[str]) -> None:
     fused = None
     if command.fuse:
         prepared, fused = with_fused_odometry(prepared, log, imu_yaw_axis=command.imu_yaw_axis)
+        assert log.imu is not None  # `with_fused_odometry` has looked
+        warn_if_assumed(yaw_track(log.imu, log.odometry, command.imu_yaw_axis))
     # Everything that can be wrong is read before the filter spends its minutes.
     measure = _measures(command, log)
     slam = build(configuration, prepared.odometry_bounds)

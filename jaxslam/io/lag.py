@@ -12,6 +12,8 @@ _MAX_TURN = 0.4
 """Largest rotation between two scans that is looked for, radians."""
 _MAX_BEAMS = 360
 """Beams compared; more are thinned."""
+_MIN_BEAMS = 10
+"""Fewer do not show a rotation."""
 _MAX_PAIRS = 800
 """Pairs of scans compared; more are thinned."""
 _MIN_PAIRS = 30
@@ -59,7 +61,7 @@ def estimate_lag(scans: ScanTrack, odometry: OdometryTrack, max_lag: float) -> S
         correlation has no clear peak.
     """
     pairs = _turning_pairs(scans, odometry, max_lag)
-    if len(pairs) < _MIN_PAIRS:
+    if len(pairs) < _MIN_PAIRS or scans.ranges.shape[1] < _MIN_BEAMS:
         return None
     turned = _rotations(scans, pairs)
     intervals = scans.stamps[pairs + 1] - scans.stamps[pairs]
@@ -114,14 +116,14 @@ def _rotations(scans: ScanTrack, pairs: Int[np.ndarray, "P"]) -> Float64[np.ndar
     profiles = np.log(np.where(np.isfinite(cut), np.maximum(cut, 0.1), _FAR))
     num_beams = profiles.shape[1]
     step = float(np.median(scans.angle_increment)) * stride
-    reach = min(int(np.ceil(_MAX_TURN / abs(step))), num_beams // 3)
+    reach = max(min(int(np.ceil(_MAX_TURN / abs(step))), num_beams // 3), 1)
     before, after = profiles[pairs], profiles[pairs + 1]
     costs = np.empty((len(pairs), 2 * reach + 1))
     for column, shift in enumerate(range(-reach, reach + 1)):
         low, high = max(0, shift), min(num_beams, num_beams + shift)
         difference = np.abs(after[:, low - shift : high - shift] - before[:, low:high])
         costs[:, column] = np.minimum(difference, 0.3).mean(axis=1)
-    best = np.clip(np.argmin(costs, axis=1), 1, 2 * reach - 1) if reach > 0 else np.zeros(len(pairs), int)
+    best = np.clip(np.argmin(costs, axis=1), 1, 2 * reach - 1)
     rows = np.arange(len(pairs))
     fraction = _vertex(-costs[rows, best - 1], -costs[rows, best], -costs[rows, best + 1])
     first = scans.angle_min[pairs] - scans.angle_min[pairs + 1]

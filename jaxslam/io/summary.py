@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float64
 
+from jaxslam.io.gps import east_north
 from jaxslam.io.log import (
     FixTrack,
     ImuTrack,
@@ -21,7 +22,6 @@ _INDENT = 14
 _NUM_GAPS = 3
 # A pause is worth a word from three times the usual period on; below, a track just jitters.
 _GAP_PERIODS = 3.0
-_EARTH_RADIUS = 6371e3
 
 
 def summarise(log: SensorLog) -> str:
@@ -174,8 +174,6 @@ def _fix_lines(fixes: FixTrack | None) -> list[str]:
     if fixes is None:
         return []
     lines = _wrap("GPS", _timing(fixes.stamps, fixes.topic, "fixes"))
-    latitude, longitude = np.deg2rad(fixes.positions[:, 0]), np.deg2rad(fixes.positions[:, 1])
-    north = _EARTH_RADIUS * np.ptp(latitude)
-    east = _EARTH_RADIUS * np.ptp(longitude) * np.cos(latitude.mean())
+    east, north = np.ptp(east_north(fixes.positions), axis=0)
     lines += _wrap("", f"extent {east:.0f} m east × {north:.0f} m north")
     return lines + _gap_lines(fixes.stamps)

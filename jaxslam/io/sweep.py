@@ -54,7 +54,8 @@ def sweep_timing(log: SensorLog, turn_time: float, max_lag: float) -> SweepTimin
         max_lag: lags of up to so many seconds are looked for; 0 takes the stamps as they are.
 
     Returns:
-        None where scans or odometry are missing or too sparse to know how the robot moved.
+        None where scans or odometry are missing or too sparse to know how the robot moved, and for a lidar
+        of one beam.
     """
     scans, odometry = log.scans, log.odometry
     if scans is None or odometry is None or len(scans.stamps) == 0 or len(odometry.stamps) < 2:
@@ -62,6 +63,8 @@ def sweep_timing(log: SensorLog, turn_time: float, max_lag: float) -> SweepTimin
     if np.median(np.diff(odometry.stamps)) > _LONGEST_INTERVAL:
         return None
     beams = float(np.median(scans.num_beams)) - 1
+    if beams < 1 or np.median(scans.angle_increment) == 0:
+        return None
     if scans.time_increment is not None:
         increment = scans.time_increment
         middle = 0.5 * beams * increment
@@ -94,6 +97,7 @@ def at_rest(log: SensorLog, timing: SweepTiming) -> SensorLog:
     )
     moved = np.max(np.hypot(knots[..., 0], knots[..., 1]), axis=1) > _LEAST_TRANSLATION
     moved |= np.max(np.abs(knots[..., 2]), axis=1) > _LEAST_ROTATION
+    moved &= (scans.num_beams > 1) & (scans.angle_increment != 0)
     ranges = scans.ranges.copy()
     for row in np.flatnonzero(moved):
         path = np.stack([np.interp(np.arange(num_beams), beams, knots[row, :, i]) for i in range(3)], axis=1)

@@ -6,10 +6,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jaxslam import se2
+from jaxslam.flags import Flag
 from jaxslam.lidar.beams import ScanPoints
 from jaxslam.linalg import inverse_symmetric
 from jaxslam.matching.gauss_newton import PosePrior
 from jaxslam.motion.base import AbstractMotionModel
+from jaxslam.proposal.base import Proposed
 from jaxslam.sensor.base import AbstractSensorModel
 from jaxslam.sensor.field import DistanceField, Field
 from jaxslam.types import LidarScan, OdometryIncrement
@@ -61,6 +63,21 @@ def better(best: Candidate, other: Candidate) -> Candidate:
     """The higher-scoring of two, the first of equals; a NaN never wins."""
     wins = other.score > best.score
     return jax.tree.map(lambda new, old: jnp.where(wins, new, old), other, best)
+
+
+def settle(drawn: Candidate, best: Candidate, enough: Bool[Array, ""], searched: Bool[Array, ""]) -> Proposed:
+    """What a proposal without a density ends with: the best pose, or the draw where the scan says too little.
+
+    The weight is the likelihood there, as gmapping computes it, so `log_ratio` is 0.
+    """
+    few = jnp.where(enough, 0, Flag.FEW_VALID_BEAMS.value)
+    lost = jnp.where(searched, Flag.SEARCHED.value, 0)
+    return Proposed(
+        pose=jnp.where(enough, best.pose, drawn.pose),
+        log_likelihood=jnp.where(enough, best.log_likelihood, drawn.log_likelihood),
+        log_ratio=jnp.zeros((), jnp.float32),
+        flags=(few | lost).astype(jnp.int32),
+    )
 
 
 def share_explained(field: DistanceField, ends: ScanPoints, pose: Float[Array, "3"]) -> Float[Array, ""]:

@@ -8,7 +8,6 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from jaxslam import se2
 from jaxslam.branch import run_if
 from jaxslam.checks import require_at_least_zero
-from jaxslam.flags import Flag
 from jaxslam.lidar.beams import ScanPoints, scan_points
 from jaxslam.lidar.subset import spread_beams
 from jaxslam.matching.correlative import CorrelativeSearch
@@ -18,7 +17,7 @@ from jaxslam.matching.icp import ICP
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.optimise.fruit_fly import FruitFlies
 from jaxslam.proposal.base import AbstractProposal, Proposed
-from jaxslam.proposal.candidate import Candidate, Judge, better, prior_about, share_explained
+from jaxslam.proposal.candidate import Candidate, Judge, better, prior_about, settle, share_explained
 from jaxslam.sensor.base import AbstractSensorModel
 from jaxslam.sensor.field import DistanceField, Field
 from jaxslam.types import StepInputs
@@ -119,14 +118,7 @@ class FruitFlyProposal(AbstractProposal):
         if self.use_flies:
             found = self.swarm(key_flies, field.fine, ends, best.pose, prior)
             best = better(best, judge.candidate(align(found) if self.polish else found))
-        few = jnp.where(enough, 0, Flag.FEW_VALID_BEAMS.value)
-        searched = jnp.where(lost, Flag.SEARCHED.value, 0)
-        return Proposed(
-            pose=jnp.where(enough, best.pose, drawn),
-            log_likelihood=jnp.where(enough, best.log_likelihood, start.log_likelihood),
-            log_ratio=jnp.zeros((), jnp.float32),
-            flags=(few | searched).astype(jnp.int32),
-        )
+        return settle(start, best, enough, lost)
 
     def swarm(
         self,

@@ -8,14 +8,13 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from jaxslam import se2
 from jaxslam.branch import run_if
 from jaxslam.checks import require_at_least_zero
-from jaxslam.flags import Flag
 from jaxslam.lidar.beams import scan_points
 from jaxslam.matching.correlative import CorrelativeSearch
 from jaxslam.matching.gauss_newton import GaussNewton
 from jaxslam.matching.heading import HeadingSearch
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.proposal.base import AbstractProposal, Proposed
-from jaxslam.proposal.candidate import Candidate, Judge, better, prior_about, share_explained
+from jaxslam.proposal.candidate import Candidate, Judge, better, prior_about, settle, share_explained
 from jaxslam.sensor.base import AbstractSensorModel
 from jaxslam.sensor.field import Field
 from jaxslam.types import StepInputs
@@ -96,11 +95,4 @@ class MatchedProposal(AbstractProposal):
         enough = jnp.sum(ends.valid, dtype=jnp.float32) >= self.min_valid_beams
         lost = enough & (share_explained(field.fine, ends, matched.pose) < self.lost_below)
         matched = run_if(lost, search, matched)
-        few = jnp.where(enough, 0, Flag.FEW_VALID_BEAMS.value)
-        searched = jnp.where(lost, Flag.SEARCHED.value, 0)
-        return Proposed(
-            pose=jnp.where(enough, matched.pose, drawn),
-            log_likelihood=jnp.where(enough, matched.log_likelihood, start.log_likelihood),
-            log_ratio=jnp.zeros((), jnp.float32),
-            flags=(few | searched).astype(jnp.int32),
-        )
+        return settle(start, matched, enough, lost)

@@ -50,6 +50,21 @@ def test_a_log_without_imu_cannot_be_mapped_fused(data_dir, tmp_path, capsys):
     assert not (tmp_path / "new").exists()
 
 
+def test_an_axis_without_fusing_is_refused(data_dir, capsys):
+    assert main(["run", str(data_dir / "bags/husky.bag"), "--imu-yaw-axis", "y"]) == 2
+    assert "--imu-yaw-axis is for --fuse" in capsys.readouterr().err
+
+
+def test_a_printed_configuration_has_the_lidar_only_if_it_was_asked_for(capsys):
+    def printed(*flags):
+        assert main(["config", *flags]) == 0
+        return capsys.readouterr().out
+
+    assert "[lidar]" not in printed()
+    assert "usable_range = 3.0" in printed("--set", "usable_range=3")
+    assert 'name = "lds-01"' in printed("--lidar", "lds-01")
+
+
 @pytest.mark.parametrize(
     ("log", "flags", "message"),
     [

@@ -157,3 +157,13 @@ def test_scans_that_do_not_follow_the_odometry_give_no_lag():
     assert estimate_lag(scans, log.odometry, 0.5) is None
     few = dataclasses.replace(log.scans, **{name: getattr(log.scans, name)[:20] for name in PER_SCAN})
     assert estimate_lag(few, log.odometry, 0.5) is None
+
+
+@pytest.mark.parametrize("num_beams", [1, 2, 6])
+def test_a_lidar_of_few_beams_is_read_as_it_is(num_beams):
+    log, _ = _log(num_beams, 0.0, 0.5 if num_beams > 1 else 0.0, turn_time=0.1, middle=0.0)
+    assert estimate_lag(log.scans, log.odometry, 0.5) is None
+    timing = sweep_timing(log, turn_time=0.1, max_lag=0.5)
+    assert (timing is None) == (num_beams == 1)
+    if timing is not None:
+        assert np.isfinite(at_rest(log, timing).scans.ranges).any()

@@ -157,7 +157,9 @@ def test_particles_have_ticks_along_their_headings_and_fade_with_weight(ax):
 
 def test_particles_that_all_vanish_do_not_crash(ax):
     plot_particles(POSES * np.nan, ax=ax)
+    assert len(ax.collections) == 0
     plot_particles(POSES, np.zeros(3), ax)
+    assert len(ax.collections) == 2
     rendered(ax)
 
 

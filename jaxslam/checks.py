@@ -22,3 +22,10 @@ def require_odd(model: eqx.Module, *names: str) -> None:
     for name in names:
         if getattr(model, name) % 2 == 0:
             raise ValueError(f"{type(model).__name__}: {name} is {getattr(model, name)}, must be odd")
+
+
+def require_one_of(model: eqx.Module, name: str, choices: tuple[str, ...]) -> None:
+    """Raises `ValueError` for a choice that there is not."""
+    value = getattr(model, name)
+    if value not in choices:
+        raise ValueError(f"{type(model).__name__}: {name} is {value!r}, must be one of {', '.join(choices)}")

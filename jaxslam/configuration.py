@@ -10,6 +10,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float, Float64
 
+from jaxslam.fusion.settings import FusionSettings
 from jaxslam.grid.distance import MAX_RADIUS
 from jaxslam.grid.occupancy import OccupancyModel
 from jaxslam.grid.spec import GridSpec
@@ -30,8 +31,13 @@ from jaxslam.variants import kind
 
 Number = float | Float[Array, ""]
 
-METHODS: dict[str, str] = {"rbpf": "motion", "gmapping": "matched", "fruit-fly": "fruit_fly"}
-"""Proposal by method: `rbpf` the traditional filter, `gmapping` matches scans, `fruit-fly` has a swarm."""
+METHODS: dict[str, dict[str, str]] = {
+    "rbpf": {"proposal.kind": "motion"},
+    "gmapping": {"proposal.kind": "matched"},
+    "fruit-fly": {"proposal.kind": "fruit_fly", "fusion.use": "auto"},
+}
+"""What a method sets: `rbpf` is the traditional filter, `gmapping` matches scans, `fruit-fly` is the first
+paper's, with odometry and IMU fused where there is one, and a swarm."""
 
 _MAX_CELLS = 2**31 - 1
 
@@ -116,6 +122,7 @@ class Configuration(eqx.Module):
         lidar: ranges of the sensor.
         thinning: which scans are processed (static: it decides how many steps there are).
         map: cells and extent of the maps.
+        fusion: whether and how odometry is fused with an IMU first.
         motion: p(x_t | x_{t−1}, u_t).
         sensor: p(z_t | x_t, m).
         proposal: where the particles go.
@@ -127,6 +134,7 @@ class Configuration(eqx.Module):
     lidar: LidarSettings = LidarSettings.of(PRESETS["sick"])
     thinning: Thinning = eqx.field(static=True, default=Thinning())
     map: MapSettings = MapSettings()
+    fusion: FusionSettings = FusionSettings()
     motion: AbstractMotionModel = OdometryMotion()
     sensor: AbstractSensorModel = LikelihoodField()
     proposal: AbstractProposal = MatchedProposal()
@@ -144,14 +152,15 @@ class Configuration(eqx.Module):
     def method(self) -> str:
         """The name in `METHODS` of the proposal; the proposal's own name where it has none there."""
         proposal = kind(self.proposal)
-        return next((method for method, name in METHODS.items() if name == proposal), proposal)
+        names = {settings["proposal.kind"]: method for method, settings in METHODS.items()}
+        return names.get(proposal, proposal)
 
     def with_lidar(self, preset: LidarPreset) -> "Configuration":
         """The same with the ranges of a lidar."""
         return dataclasses.replace(self, lidar=LidarSettings.of(preset))
 
     def with_method(self, method: str) -> "Configuration":
-        """The same with the proposal of a method of `METHODS`; a proposal of that kind is kept.
+        """The same with what a method of `METHODS` sets; a proposal of that kind is kept.
 
         Raises:
             ValueError: there is no such method; the message names the nearest.
@@ -161,7 +170,7 @@ class Configuration(eqx.Module):
             raise ValueError(
                 f"no method is called {method!r}: did you mean {nearest!r}? There are {', '.join(METHODS)}"
             )
-        return update(self, {"proposal.kind": METHODS[method]}, exact=True)
+        return update(self, METHODS[method], exact=True)
 
 
 def build(configuration: Configuration, odometry_bounds: Float64[np.ndarray, "2 2"]) -> RBPF:

@@ -30,3 +30,26 @@ def sums(terms: tuple[Float[Array, "B"], ...]) -> tuple[Float[Array, ""], ...]:
     zeros = tuple(jnp.zeros((), jnp.float32) for _ in terms)
     totals = jax.lax.reduce(terms, zeros, lambda a, b: tuple(p + q for p, q in zip(a, b, strict=True)), (0,))
     return tuple(totals)
+
+
+def cholesky(matrix: Float[Array, "3 3"], minimum_pivots: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    """Lower Cholesky factor of a symmetric matrix, whatever its eigenvalues.
+
+    Every pivot is at least its minimum, and no element exceeds the variance left in its row.
+    A positive semidefinite matrix plus diag(minimum_pivots) meets both as it is.
+    """
+    (a, b, d), (_, c, e), (_, _, f) = matrix
+    a, c, f = jnp.maximum(jnp.stack([a, c, f]), minimum_pivots)
+    l00 = jnp.sqrt(a)
+    l10, l20 = _within(b / l00, c), _within(d / l00, f)
+    l11 = jnp.sqrt(jnp.maximum(c - l10 * l10, minimum_pivots[1]))
+    left = jnp.maximum(f - l20 * l20, minimum_pivots[2])
+    l21 = _within((e - l20 * l10) / l11, left)
+    l22 = jnp.sqrt(jnp.maximum(left - l21 * l21, minimum_pivots[2]))
+    zero = jnp.zeros_like(a)
+    return jnp.stack([jnp.stack([l00, zero, zero]), jnp.stack([l10, l11, zero]), jnp.stack([l20, l21, l22])])
+
+
+def _within(element: Float[Array, ""], variance: Float[Array, ""]) -> Float[Array, ""]:
+    deviation = jnp.sqrt(variance)
+    return jnp.clip(element, -deviation, deviation)

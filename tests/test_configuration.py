@@ -33,11 +33,16 @@ def unusual() -> Configuration:
         "motion": "velocity",
         "resampling.scheme": "residual",
         "lidar.name": 'a "b" \\ ü',
+        "fusion.use": "on",
+        "fusion.yaw_axis": "-y",
+        "fusion.ekf.frame": "world",
     }
     configuration = update(Configuration(), kinds)
     changes: dict[str, object] = {}
     for index, (name, value) in enumerate(flatten(configuration).items()):
-        if isinstance(value, float):
+        if isinstance(value, bool):
+            changes[name] = not value
+        elif isinstance(value, float):
             changes[name] = value * (1 + (index + 1) * 1e-9) - 1e-17
         elif isinstance(value, int):
             changes[name] = value + 2

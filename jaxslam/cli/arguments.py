@@ -60,11 +60,12 @@ class Run:
     imu_topic: Topic = None
     """Of a bag: topic of the IMU."""
     fuse: Switch = False
-    """Fuse the odometry with the log's IMU first; the fused covariance then moves the particles."""
+    """Fuse the odometry with the log's IMU first; the fused covariance then moves the particles. With
+    --method fruit-fly it is done wherever a log has an IMU, unless --set fusion.use=off."""
     imu_yaw_axis: Annotated[
         str | None, arg(metavar="x|y|z|-x|-y|-z", help_behavior_hint="(default: from the log, or gravity)")
     ] = None
-    """For --fuse: the IMU's axis that points up."""
+    """Where odometry and IMU are fused: the IMU's axis that points up."""
     gif: Switch = False
     """Also write map.gif, the map as it is built."""
     out: Annotated[
@@ -83,8 +84,12 @@ class Demo:
     """Which world: hall_small (18 × 15 m) or hall_large (24 × 23 m)."""
     seed: int = 0
     """Seed of the simulation and of the filter, 0 to 4294967295."""
+    method: MethodName = None
+    """rbpf, gmapping or fruit-fly, as for `run`."""
     particles: Annotated[str, arg(metavar="N")] = "15"
     """Number of particles, each with a map of its own."""
+    set: Assignments = ()
+    """Settings by name, such as sensor.sigma_hit=0.1, any number of them; they come last."""
     gif: Switch = False
     """Also write map.gif, the map as it is built."""
 

@@ -11,11 +11,10 @@ from jaxtyping import Float64, Int8
 from jaxslam.cli.arguments import Demo
 from jaxslam.cli.effective import effective_configuration
 from jaxslam.cli.mapping import check_seed, map_log, print_summary
-from jaxslam.configuration import build, correct_scans
 from jaxslam.grid.spec import GridSpec
-from jaxslam.inputs import prepare_inputs
 from jaxslam.io import SensorLog, compose_poses, invert_poses
 from jaxslam.metrics import BinaryMap, map_score
+from jaxslam.preparation import prepare
 from jaxslam.presets import PRESETS
 from jaxslam.report import make_folder, reference_error, trajectory_figures, versions, write_run
 from jaxslam.report.folder import occupancy_probability
@@ -35,9 +34,9 @@ def execute(command: Demo, arguments: list[str]) -> None:
     configuration = effective_configuration(
         config=None,
         lidar="sick",
-        method=None,
+        method=command.method,
         flags={"num_particles": command.particles, "map.margin": "4"},
-        assignments=(),
+        assignments=command.set,
         detect=lambda: PRESETS["sick"],
     )
     folder = command.out or Path("runs") / f"demo-s{command.seed}"
@@ -45,14 +44,9 @@ def execute(command: Demo, arguments: list[str]) -> None:
     # Another key than the filter's, which knows nothing of the simulator's noise.
     key = jax.random.fold_in(jax.random.key(command.seed), 1)
     simulation = simulate(key, world, waypoints, duration=DURATION)
-    log, _ = correct_scans(_in_world_frame(simulation, command.world), configuration.lidar)
-    prepared = prepare_inputs(log, configuration.thinning)
-    result = map_log(
-        build(configuration, prepared.odometry_bounds),
-        prepared,
-        command.seed,
-        gif=folder / "map.gif" if command.gif else None,
-    )
+    log = _in_world_frame(simulation, command.world)
+    prepared = prepare(log, configuration)
+    result = map_log(prepared, command.seed, gif=folder / "map.gif" if command.gif else None)
     assert log.scans is not None
     assert log.odometry is not None
     true_poses = np.asarray(simulation.scan_poses, np.float64)
@@ -72,7 +66,8 @@ def execute(command: Demo, arguments: list[str]) -> None:
         accuracy={"ate": trajectory_figures(error), "map": figures},
         truth=truth,
     )
-    print_summary(folder, result, configuration, metrics, f"{configuration.lidar.name} (simulated)")
+    lidar = f"{configuration.lidar.name} (simulated)"
+    print_summary(folder, result, configuration, metrics, lidar, prepared)
 
 
 def _in_world_frame(simulation: Simulation, name: str) -> SensorLog:

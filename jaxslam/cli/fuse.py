@@ -7,7 +7,7 @@ from jaxtyping import Float64
 
 from jaxslam.cli.arguments import Fuse
 from jaxslam.cli.mapping import warn, warn_if_assumed
-from jaxslam.fusion import EKF, Fused, ImuNoise, OdometerNoise, fuse, merge, yaw_track
+from jaxslam.fusion import EKF, Fused, FusionSettings, fuse_tracks
 from jaxslam.io import LogError, read_log, write_tum
 from jaxslam.io.gps import east_north
 from jaxslam.io.log import SensorLog
@@ -29,21 +29,16 @@ def execute(command: Fuse, arguments: list[str]) -> None:
     odometry = log.odometry
     if command.wheel_radius is not None or command.track is not None:
         odometry = _wheels(command, log)
-    yaw = yaw_track(log.imu, odometry, command.imu_yaw_axis)
-    warn_if_assumed(yaw)
+    settings = FusionSettings(
+        yaw_axis=command.imu_yaw_axis or "auto",
+        read_poses=command.odometry_poses,
+        read_headings=command.imu_headings,
+        ekf=EKF(frame="world" if command.world_frame else "body"),
+    )
     fixes = _fixes(log) if command.gps else None
     stamps = log.imu.stamps if odometry is None else odometry.stamps
-    stream = merge(
-        odometry,
-        yaw,
-        stamps,
-        OdometerNoise(),
-        ImuNoise(),
-        use_poses=command.odometry_poses,
-        use_headings=command.imu_headings,
-        world_frame=command.world_frame,
-    )
-    fused = fuse(EKF(frame="world" if command.world_frame else "body"), stream)
+    fused, yaw = fuse_tracks(settings, odometry, log.imu, stamps)
+    warn_if_assumed(yaw)
     folder = command.out
     make_folder(folder)
     write_tum(folder / "trajectory.tum", fused.stamps, fused.poses)

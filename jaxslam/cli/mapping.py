@@ -9,10 +9,9 @@ import jax
 
 from jaxslam.configuration import Configuration
 from jaxslam.fusion import YawTrack
-from jaxslam.inputs import PreparedInputs
 from jaxslam.io.sweep import SweepTiming
+from jaxslam.preparation import Prepared
 from jaxslam.run import RunResult, Snapshot, run_log
-from jaxslam.slam.rbpf import RBPF
 from jaxslam.viz.animation import MapFrame, animate_map
 
 _MAX_SEED = 2**32 - 1
@@ -47,12 +46,11 @@ def describe_timing(timing: SweepTiming | None) -> str:
     )
 
 
-def map_log(slam: RBPF, prepared: PreparedInputs, seed: int, *, gif: Path | None) -> RunResult:
+def map_log(prepared: Prepared, seed: int, *, gif: Path | None) -> RunResult:
     """Runs a filter, with a progress bar on a terminal, and prints its warnings.
 
     Args:
-        slam: the filter.
-        prepared: from `prepare_inputs`.
+        prepared: the filter and its inputs.
         seed: of the key.
         gif: where to write the map as it is built, or None.
     """
@@ -63,9 +61,9 @@ def map_log(slam: RBPF, prepared: PreparedInputs, seed: int, *, gif: Path | None
         frames.append(MapFrame(snapshot.log_odds, snapshot.trajectory, snapshot.particles, caption))
 
     result = run_log(
-        slam,
+        prepared.slam,
         jax.random.key(seed),
-        prepared,
+        prepared.inputs,
         progress=sys.stderr.isatty(),
         on_chunk=keep if gif is not None else None,
     )
@@ -81,7 +79,7 @@ def print_summary(
     configuration: Configuration,
     metrics: Mapping[str, Any],
     lidar: str,
-    timing: SweepTiming | None = None,
+    prepared: Prepared,
 ) -> None:
     """Prints what a user wants to know first, on stdout."""
     height, width = result.log_odds.shape
@@ -94,7 +92,10 @@ def print_summary(
         "scans": f"{metrics['scans_processed']} processed of {metrics['scans_in']}",
         "time": f"{metrics['ms_per_scan']:.2f} ms per scan, compilation {metrics['compile_s']:.1f} s apart",
     }
-    if stamped := describe_timing(timing):
+    if prepared.fused is not None and prepared.yaw is not None:
+        readings = prepared.fused.readings["imu"]
+        lines["odometry"] = f"fused with {readings} IMU readings (up from: {prepared.yaw.source})"
+    if stamped := describe_timing(prepared.timing):
         lines["stamps"] = f"{stamped}; corrected"
     if relations := metrics.get("relations"):
         lines["relations"] = (

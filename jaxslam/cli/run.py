@@ -6,10 +6,8 @@ import shlex
 from jaxslam.cli.arguments import Run
 from jaxslam.cli.effective import effective_configuration
 from jaxslam.cli.mapping import check_seed, map_log, print_summary, warn, warn_if_assumed
-from jaxslam.configuration import build, correct_scans
-from jaxslam.fusion import with_fused_odometry, yaw_track
-from jaxslam.inputs import prepare_inputs
 from jaxslam.io import SensorLog, read_log, read_relations, read_tum
+from jaxslam.preparation import prepare
 from jaxslam.presets import detect_lidar
 from jaxslam.report import (
     default_folder,
@@ -30,8 +28,6 @@ _FEW_RELATIONS = 0.9
 def execute(command: Run, arguments: list[str]) -> None:
     """Maps a log and writes its run folder."""
     check_seed(command.seed)
-    if command.imu_yaw_axis is not None and not command.fuse:
-        raise ValueError("--imu-yaw-axis is for --fuse, which was not given")
     log = _read(command)
     configuration = effective_configuration(
         config=command.config,
@@ -40,25 +36,24 @@ def execute(command: Run, arguments: list[str]) -> None:
         flags={
             "num_particles": command.particles,
             "map.margin": command.map_margin,
-            "motion.kind": "gaussian" if command.fuse else None,
+            "fusion.use": "on" if command.fuse else None,
+            "fusion.yaw_axis": command.imu_yaw_axis,
         },
         assignments=command.set,
         detect=lambda: detect_lidar(log),
     )
-    log, timing = correct_scans(log, configuration.lidar)
-    prepared = prepare_inputs(log, configuration.thinning)
-    fused = None
-    if command.fuse:
-        prepared, fused = with_fused_odometry(prepared, log, imu_yaw_axis=command.imu_yaw_axis)
-        assert log.imu is not None  # `with_fused_odometry` has looked
-        warn_if_assumed(yaw_track(log.imu, log.odometry, command.imu_yaw_axis))
+    if command.imu_yaw_axis is not None and configuration.fusion.use == "off":
+        raise ValueError("--imu-yaw-axis is for --fuse, which was not given")
+    prepared = prepare(log, configuration)
+    if prepared.yaw is not None:
+        warn_if_assumed(prepared.yaw)
     # Everything that can be wrong is read before the filter spends its minutes.
     measure = _measures(command, log)
-    slam = build(configuration, prepared.odometry_bounds)
     folder = command.out or default_folder(command.log, configuration.method, command.seed)
     make_folder(folder)
-    result = map_log(slam, prepared, command.seed, gif=folder / "map.gif" if command.gif else None)
+    result = map_log(prepared, command.seed, gif=folder / "map.gif" if command.gif else None)
     scans_in = 0 if log.scans is None else len(log.scans.stamps)
+    fused, timing = prepared.fused, prepared.timing
     metrics = write_run(
         folder,
         result,
@@ -76,7 +71,7 @@ def execute(command: Run, arguments: list[str]) -> None:
     )
     chosen = "given" if command.lidar or command.config else "chosen by the log's scans"
     lidar = f"{configuration.lidar.name} ({chosen})"
-    print_summary(folder, result, configuration, metrics, lidar, timing)
+    print_summary(folder, result, configuration, metrics, lidar, prepared)
 
 
 def _read(command: Run) -> SensorLog:

@@ -1,12 +1,11 @@
 """The Kalman filter of wheel odometry and IMU, tobacco (7)–(11)."""
 
-from typing import Literal
-
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jaxslam import se2
+from jaxslam.checks import require_at_least_zero, require_one_of
 
 STATE_SIZE = 6
 """X, Y (m), θ (rad), their rates v_x, v_y (m/s) and ω (rad/s)."""
@@ -75,7 +74,11 @@ class EKF(eqx.Module):
     lateral_acceleration: float | Float[Array, ""] = 0.1
     angular_acceleration: float | Float[Array, ""] = 0.5
     gate: bool = eqx.field(static=True, default=True)
-    frame: Literal["body", "world"] = eqx.field(static=True, default="body")
+    frame: str = eqx.field(static=True, default="body")
+
+    def __check_init__(self):
+        require_at_least_zero(self)
+        require_one_of(self, "frame", ("body", "world"))
 
     def predict(self, belief: Belief, dt: Float[Array, ""]) -> Belief:
         """The belief `dt` ≥ 0 seconds later."""

@@ -47,6 +47,11 @@ class YawTrack:
     bias: float
 
 
+def tells_turning(imu: ImuTrack) -> bool:
+    """Whether an IMU has any turning rate."""
+    return bool(np.isfinite(imu.angular_velocities).all(axis=1).any())
+
+
 def yaw_track(imu: ImuTrack, odometry: OdometryTrack | None, axis: str | None = None) -> YawTrack:
     """An IMU's turning about the vertical.
 

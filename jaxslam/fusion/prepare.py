@@ -5,23 +5,44 @@ import dataclasses
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float64
 
-from jaxslam.fusion.ekf import EKF
 from jaxslam.fusion.fuse import Fused, fuse
-from jaxslam.fusion.imu import yaw_track
-from jaxslam.fusion.stream import ImuNoise, OdometerNoise, merge
+from jaxslam.fusion.imu import YawTrack, yaw_track
+from jaxslam.fusion.settings import FusionSettings
+from jaxslam.fusion.stream import merge
 from jaxslam.inputs import PreparedInputs
-from jaxslam.io.log import LogError, SensorLog
+from jaxslam.io.log import ImuTrack, LogError, OdometryTrack, SensorLog
+
+
+def fuse_tracks(
+    settings: FusionSettings,
+    odometry: OdometryTrack | None,
+    imu: ImuTrack,
+    stamps: Float64[np.ndarray, "Q"],
+) -> tuple[Fused, YawTrack]:
+    """The fused motion at so many stamps (seconds, not decreasing), and how the IMU was read.
+
+    Raises:
+        LogError: the IMU tells nothing of turning.
+    """
+    yaw = yaw_track(imu, odometry, None if settings.yaw_axis == "auto" else settings.yaw_axis)
+    stream = merge(
+        odometry,
+        yaw,
+        stamps,
+        settings.odometer,
+        settings.imu,
+        use_poses=settings.read_poses,
+        use_headings=settings.read_headings,
+        world_frame=settings.ekf.frame == "world",
+    )
+    return fuse(settings.ekf, stream), yaw
 
 
 def with_fused_odometry(
-    prepared: PreparedInputs,
-    log: SensorLog,
-    ekf: EKF | None = None,
-    odometer_noise: OdometerNoise | None = None,
-    imu_noise: ImuNoise | None = None,
-    imu_yaw_axis: str | None = None,
-) -> tuple[PreparedInputs, Fused]:
+    prepared: PreparedInputs, log: SensorLog, settings: FusionSettings | None = None
+) -> tuple[PreparedInputs, Fused, YawTrack]:
     """The same scans, with increments and covariances of wheels and IMU fused.
 
     The covariances are for `GaussianMotion`; the other motion models have noise of their own.
@@ -29,25 +50,20 @@ def with_fused_odometry(
     Args:
         prepared: from `prepare_inputs` of that log.
         log: with odometry and an IMU.
-        ekf: the filter; None for the default one, as for the noises.
-        odometer_noise: of the wheels.
-        imu_noise: of the IMU.
-        imu_yaw_axis: of the IMU that points up, as for `yaw_track`.
+        settings: what is read, and how much it is trusted; None for the defaults.
 
     Returns:
-        The inputs, and what was fused at the processed scans.
+        The inputs, what was fused at the processed scans, and how the IMU was read.
 
     Raises:
         LogError: the log has no IMU, or one that does not turn.
     """
     if log.imu is None:
         raise LogError(f"{log.path}: no IMU in it, so there is nothing to fuse (see `jaxslam info`)")
-    yaw = yaw_track(log.imu, log.odometry, imu_yaw_axis)
-    noises = odometer_noise or OdometerNoise(), imu_noise or ImuNoise()
-    ekf = ekf or EKF()
-    fused = fuse(ekf, merge(log.odometry, yaw, prepared.stamps, *noises))
+    settings = settings or FusionSettings()
+    fused, yaw = fuse_tracks(settings, log.odometry, log.imu, prepared.stamps)
     # A second time for the scans between: each question starts a new increment.
-    everywhere = fuse(ekf, merge(log.odometry, yaw, prepared.all_stamps, *noises))
+    everywhere, _ = fuse_tracks(settings, log.odometry, log.imu, prepared.all_stamps)
     odometry = eqx.tree_at(
         lambda o: (o.delta, o.covariance),
         prepared.inputs.odometry,
@@ -61,4 +77,4 @@ def with_fused_odometry(
         all_odometry=everywhere.poses,
         odometry_bounds=np.stack([positions.min(axis=0), positions.max(axis=0)]),
     )
-    return replaced, fused
+    return replaced, fused, yaw

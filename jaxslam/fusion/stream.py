@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Float64, Int
 
+from jaxslam.checks import require_at_least_zero
 from jaxslam.fusion.ekf import Measurement
 from jaxslam.fusion.imu import YawTrack
 from jaxslam.io.log import OdometryTrack
@@ -40,6 +41,9 @@ class OdometerNoise(eqx.Module):
     position_per_metre: float = 0.05
     heading_per_metre: float = 0.05
 
+    def __check_init__(self):
+        require_at_least_zero(self, positive=("speed_floor", "lateral", "turning_floor"))
+
 
 class ImuNoise(eqx.Module):
     """Standard deviations of an IMU, tobacco (10).
@@ -51,6 +55,9 @@ class ImuNoise(eqx.Module):
 
     rate: float = 0.02
     heading: float = 0.05
+
+    def __check_init__(self):
+        require_at_least_zero(self, positive=("rate", "heading"))
 
 
 class Events(eqx.Module):

@@ -13,17 +13,31 @@ _NONE = 1e-12
 
 
 class Found(eqx.Module):
-    """The best place that a swarm has been to.
+    """The best place that a swarm has been to, or that each of its flies has.
 
     Attributes:
-        position: `[D]`.
-        fitness: there.
-        history: `[G]` best fitness so far after each generation.
+        position: `[D]`, or `[P, D]`.
+        fitness: there, or `[P]`.
+        history: `[G]` the swarm's best fitness so far after each generation.
     """
 
-    position: Float[Array, "D"]
-    fitness: Float[Array, ""]
+    position: Float[Array, "*P D"]
+    fitness: Float[Array, "*P"]
     history: Float[Array, "G"]
+
+
+class _Flight(eqx.Module):
+    """What a generation leaves behind: where the flies were, `[2, P, D]` if they were also changed.
+
+    Attributes:
+        leader: the best fitness so far.
+        positions: where fitness was asked for.
+        fitness: there.
+    """
+
+    leader: Float[Array, "*G"]
+    positions: Float[Array, "*G S P D"]
+    fitness: Float[Array, "*G S P"]
 
 
 class _Swarm(eqx.Module):
@@ -128,47 +142,92 @@ class FruitFlies(eqx.Module):
         """
         lower = jnp.full_like(start, -jnp.inf) if lower is None else lower
         upper = jnp.full_like(start, jnp.inf) if upper is None else upper
+        first = _worst_if_nan(fitness(jnp.clip(start, lower, upper)))
+        swarm = _Swarm(
+            position=jnp.broadcast_to(jnp.clip(start, lower, upper)[None], (self.num_flies, *start.shape)),
+            fitness=jnp.broadcast_to(first[None], (self.num_flies,)),
+            best=jnp.clip(start, lower, upper),
+            best_fitness=first,
+        )
+        swarm, flights = self._fly(jax.vmap(fitness), key, swarm, scale, lower[None], upper[None])
+        return Found(swarm.best, swarm.best_fitness, flights.leader)
 
-        def score(position: Float[Array, "D"]) -> Float[Array, ""]:
-            value = fitness(position)
-            return jnp.where(jnp.isnan(value), -jnp.inf, value)
+    def maximise_each(
+        self,
+        fitness: Callable[[Float[Array, "P D"]], Float[Array, "P"]],
+        key: PRNGKeyArray,
+        starts: Float[Array, "P D"],
+        scale: Float[Array, "D"],
+        lower: Float[Array, "P D"],
+        upper: Float[Array, "P D"],
+    ) -> Found:
+        """The best place found by every fly of a swarm whose flies see different landscapes.
 
-        def within(position: Float[Array, "P D"]) -> Float[Array, "P D"]:
-            return jnp.clip(position, lower[None], upper[None])
+        Each generation all go to the place of the best individual, within their own bounds, and look at it
+        in their own landscape; each keeps the best that it has seen there. The number of flies is that of
+        the starts, whatever `num_flies` is.
 
-        def generation(swarm: _Swarm, drawn: _Draws) -> tuple[_Swarm, Float[Array, ""]]:
+        Args:
+            fitness: of the places of all flies `[P, D]`, of each in its own landscape, `[P]`.
+            key: PRNG key; the same one gives the same bytes.
+            starts: where each sets out.
+            scale: of a step, per component.
+            lower: least value per fly and component.
+            upper: largest value.
+        """
+        starts = jnp.clip(starts, lower, upper)
+        first = _worst_if_nan(fitness(starts))
+        leader = jnp.argmax(first)
+        swarm = _Swarm(starts, first, starts[leader], first[leader])
+        _, flights = self._fly(fitness, key, swarm, scale, lower, upper)
+        positions = jnp.concatenate([starts[None], flights.positions.reshape(-1, *starts.shape)])
+        seen = jnp.concatenate([first[None], flights.fitness.reshape(-1, starts.shape[0])])
+        # The first of equals: a fly that found nothing better stays where it set out.
+        best = jnp.argmax(seen, axis=0)
+        flies = jnp.arange(starts.shape[0])
+        return Found(positions[best, flies], seen[best, flies], flights.leader)
+
+    def _fly(
+        self,
+        fitness: Callable[[Float[Array, "P D"]], Float[Array, "P"]],
+        key: PRNGKeyArray,
+        swarm: _Swarm,
+        scale: Float[Array, "D"],
+        lower: Float[Array, "_ D"],
+        upper: Float[Array, "_ D"],
+    ) -> tuple[_Swarm, _Flight]:
+        """All generations, from a swarm that has been scored where it is."""
+
+        def generation(swarm: _Swarm, drawn: _Draws) -> tuple[_Swarm, _Flight]:
             step_scale = scale * jnp.power(jnp.asarray(self.shrink, jnp.float32), drawn.generation)
-            flown = within(swarm.position + self._steps(drawn.steps, step_scale))
-            swarm = _record(swarm, flown, jax.vmap(score)(flown))
+            flown = jnp.clip(swarm.position + self._steps(drawn.steps, step_scale), lower, upper)
+            swarm = _record(swarm, flown, _worst_if_nan(fitness(flown)))
+            looks = [swarm]
             if self.improved:
                 changed = swarm.position
                 if self.crossover:
                     changed = _cross(drawn, changed, swarm.fitness)
                 if self.mutation:
                     changed = self._mutate(drawn, changed, swarm, step_scale)
-                changed = within(changed)
-                swarm = _record(swarm, changed, jax.vmap(score)(changed))
+                changed = jnp.clip(changed, lower, upper)
+                swarm = _record(swarm, changed, _worst_if_nan(fitness(changed)))
+                looks.append(swarm)
             # All flies go to the best individual.
-            gathered = jnp.broadcast_to(swarm.best[None], swarm.position.shape)
-            swarm = eqx.tree_at(lambda s: s.position, swarm, gathered)
-            return swarm, swarm.best_fitness
+            gathered = jnp.clip(jnp.broadcast_to(swarm.best[None], swarm.position.shape), lower, upper)
+            flight = _Flight(
+                swarm.best_fitness,
+                jnp.stack([look.position for look in looks]),
+                jnp.stack([look.fitness for look in looks]),
+            )
+            return eqx.tree_at(lambda s: s.position, swarm, gathered), flight
 
-        start = jnp.clip(start, lower, upper)
-        first = score(start)
-        swarm = _Swarm(
-            position=jnp.broadcast_to(start[None], (self.num_flies, *start.shape)),
-            fitness=jnp.broadcast_to(first[None], (self.num_flies,)),
-            best=start,
-            best_fitness=first,
-        )
-        swarm, history = jax.lax.scan(generation, swarm, self._draw(key, start.shape[0]))
-        return Found(swarm.best, swarm.best_fitness, history)
+        return jax.lax.scan(generation, swarm, self._draw(key, *swarm.position.shape))
 
-    def _draw(self, key: PRNGKeyArray, size: int) -> _Draws:
+    def _draw(self, key: PRNGKeyArray, num_flies: int, size: int) -> _Draws:
         """All that is random, for all generations at once: a draw costs the same for one as for all."""
-        flies, generations = self.num_flies, self.num_generations
-        pairs, mutants = flies // 2, min(self.num_mutants, flies)
-        shapes = ((flies, size), (pairs,), (pairs, size), (mutants, size), (mutants, size))
+        generations = self.num_generations
+        pairs, mutants = num_flies // 2, min(self.num_mutants, num_flies)
+        shapes = ((num_flies, size), (pairs,), (pairs, size), (mutants, size), (mutants, size))
         keys = jax.random.split(key, len(shapes))
         values = [
             jax.random.uniform(key, (generations, *shape), jnp.float32)
@@ -189,12 +248,16 @@ class FruitFlies(eqx.Module):
         """Mutated copies of the best flies in the places of the worst."""
         count = drawn.mutant_steps.shape[0]
         order = jnp.argsort(-swarm.fitness)
-        best, worst = order[:count], order[self.num_flies - count :]
+        best, worst = order[:count], order[order.shape[0] - count :]
         # A component changes with the adaptive probability, and at least one does.
         chosen = drawn.mutant_which < _mutation_rate(swarm.fitness)[best][:, None]
         chosen = chosen | ~jnp.any(chosen, axis=1, keepdims=True)
         steps = jnp.where(chosen, self._steps(drawn.mutant_steps, scale), 0.0)
         return position.at[worst].set(swarm.position[best] + steps)
+
+
+def _worst_if_nan(fitness: Float[Array, "*P"]) -> Float[Array, "*P"]:
+    return jnp.where(jnp.isnan(fitness), -jnp.inf, fitness)
 
 
 def _record(swarm: _Swarm, position: Float[Array, "P D"], fitness: Float[Array, "P"]) -> _Swarm:

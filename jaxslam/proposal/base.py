@@ -3,7 +3,8 @@
 import abc
 
 import equinox as eqx
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+import jax
+from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.sensor.base import AbstractSensorModel
@@ -21,10 +22,10 @@ class Proposed(eqx.Module):
         flags: `jaxslam.flags.Flag` bits, int32.
     """
 
-    pose: Float[Array, "3"]
-    log_likelihood: Float[Array, ""]
-    log_ratio: Float[Array, ""]
-    flags: Int[Array, ""]
+    pose: Float[Array, "*N 3"]
+    log_likelihood: Float[Array, "*N"]
+    log_ratio: Float[Array, "*N"]
+    flags: Int[Array, "*N"]
 
 
 class AbstractProposal(eqx.Module):
@@ -50,3 +51,16 @@ class AbstractProposal(eqx.Module):
             motion: p(x | x_prev, u).
             sensor: p(z | x, m).
         """
+
+    def sample_all(
+        self,
+        keys: Key[Array, "N"],
+        poses: Float[Array, "N 3"],
+        inputs: StepInputs,
+        fields: Field,
+        motion: AbstractMotionModel,
+        sensor: AbstractSensorModel,
+    ) -> Proposed:
+        """Draws for all particles, leaves `[N, ...]`; for proposals whose particles know of each other."""
+        each = jax.vmap(self.sample, (0, 0, None, 0, None, None))
+        return each(keys, poses, inputs, fields, motion, sensor)

@@ -65,17 +65,30 @@ def better(best: Candidate, other: Candidate) -> Candidate:
     return jax.tree.map(lambda new, old: jnp.where(wins, new, old), other, best)
 
 
-def settle(drawn: Candidate, best: Candidate, enough: Bool[Array, ""], searched: Bool[Array, ""]) -> Proposed:
-    """What a proposal without a density ends with: the best pose, or the draw where the scan says too little.
+def settle(
+    drawn: Candidate,
+    chosen: Candidate,
+    enough: Bool[Array, ""],
+    searched: Bool[Array, ""],
+    log_ratio: Float[Array, ""] | None = None,
+) -> Proposed:
+    """What a proposal ends with: the pose that it chose, or the draw where the scan says too little.
 
-    The weight is the likelihood there, as gmapping computes it, so `log_ratio` is 0.
+    Args:
+        drawn: from the motion model.
+        chosen: by the proposal.
+        enough: whether the scan has beams enough.
+        searched: whether the particle was lost.
+        log_ratio: log p(x | x_prev, u) − log q(x) at `chosen`. None for a proposal without a density: its
+            weight is the likelihood alone, as gmapping computes it.
     """
     few = jnp.where(enough, 0, Flag.FEW_VALID_BEAMS.value)
     lost = jnp.where(searched, Flag.SEARCHED.value, 0)
+    log_ratio = jnp.zeros((), jnp.float32) if log_ratio is None else log_ratio
     return Proposed(
-        pose=jnp.where(enough, best.pose, drawn.pose),
-        log_likelihood=jnp.where(enough, best.log_likelihood, drawn.log_likelihood),
-        log_ratio=jnp.zeros((), jnp.float32),
+        pose=jnp.where(enough, chosen.pose, drawn.pose),
+        log_likelihood=jnp.where(enough, chosen.log_likelihood, drawn.log_likelihood),
+        log_ratio=jnp.where(enough, log_ratio, 0.0),
         flags=(few | lost).astype(jnp.int32),
     )
 

@@ -3,13 +3,12 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Key, PRNGKeyArray
 
 from jaxslam import se2
 from jaxslam.branch import run_if
-from jaxslam.checks import require_at_least_zero
+from jaxslam.checks import require_at_least_zero, require_one_of
 from jaxslam.lidar.beams import ScanPoints, scan_points
-from jaxslam.lidar.subset import spread_beams
 from jaxslam.matching.correlative import CorrelativeSearch
 from jaxslam.matching.gauss_newton import PosePrior
 from jaxslam.matching.heading import HeadingSearch
@@ -18,9 +17,28 @@ from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.optimise.fruit_fly import FruitFlies
 from jaxslam.proposal.base import AbstractProposal, Proposed
 from jaxslam.proposal.candidate import Candidate, Judge, better, prior_about, settle, share_explained
+from jaxslam.proposal.pose_gaussian import PosesAround
 from jaxslam.sensor.base import AbstractSensorModel
 from jaxslam.sensor.field import DistanceField, Field
 from jaxslam.types import StepInputs
+
+
+class _Aligned(eqx.Module):
+    """One particle before the flies.
+
+    Attributes:
+        drawn: from the motion model.
+        best: of what ICP and the search found, and the draw.
+        prior: p(x | x_prev, u) about the draw.
+        enough: whether the scan has beams enough.
+        lost: whether it was searched for.
+    """
+
+    drawn: Candidate
+    best: Candidate
+    prior: PosePrior
+    enough: Bool[Array, ""]
+    lost: Bool[Array, ""]
 
 
 class FruitFlyProposal(AbstractProposal):
@@ -28,7 +46,7 @@ class FruitFlyProposal(AbstractProposal):
 
     The swarm's fitness is $\Gamma(x) = p(z|x,m)\,p(x|x_{t-1},u)$ on the particle's own map, with some of the
     beams and without interpolation; its winner is taken if the sensor model agrees. An optimiser has no
-    density: the weight is the likelihood at the pose, as gmapping's, and `log_ratio` is 0.
+    density, so what the weight is made of is a choice, `weight`.
 
     Attributes:
         heading: which way to look first.
@@ -43,10 +61,17 @@ class FruitFlyProposal(AbstractProposal):
         reach_translation: flies stay within so many metres of where they set out, along x and y.
         reach_rotation: and within so many radians.
         sigma_hit: spread of end points around obstacles in the swarm's fitness, metres.
-        beam_score: what one beam on an obstacle is worth in it, against the prior, nats.
+        scan_score: what a scan whose beams all end on obstacles is worth in it, against the prior, nats.
         lost_below: share of valid beams near an obstacle, or where the map knows nothing, under which the
             match is not trusted.
         min_valid_beams: with fewer the pose is the motion model's draw.
+        around: poses around the best, for `weight="density"`.
+        sharpness: log-likelihoods are sharpened by it to fit and to draw, and log-weights blunted: the sensor
+            model counts a scan for less than its beams, which is right for choosing among particles, but
+            knows a pose less well than a match does.
+        weight: "likelihood": the best pose, weighed by the scan's likelihood there, as gmapping does;
+            "density": a draw from the Gaussian around it, weighed by p(z|x,m) p(x|x_prev,u) / q(x) (static).
+        swarm: "own": every particle has a swarm; "particles": the particles are one (static).
         use_icp: whether ICP is run (static).
         use_flies: whether the swarm is (static).
         polish: whether the swarm's winner is aligned again (static).
@@ -69,9 +94,13 @@ class FruitFlyProposal(AbstractProposal):
     reach_translation: float | Float[Array, ""] = 0.5
     reach_rotation: float | Float[Array, ""] = 0.3
     sigma_hit: float | Float[Array, ""] = 0.1
-    beam_score: float | Float[Array, ""] = 0.1
+    scan_score: float | Float[Array, ""] = 18.0
     lost_below: float | Float[Array, ""] = 0.5
     min_valid_beams: float | Float[Array, ""] = 5.0
+    around: PosesAround = PosesAround()
+    sharpness: float | Float[Array, ""] = 10.0
+    weight: str = eqx.field(static=True, default="likelihood")
+    swarm: str = eqx.field(static=True, default="own")
     use_icp: bool = eqx.field(static=True, default=True)
     use_flies: bool = eqx.field(static=True, default=True)
     polish: bool = eqx.field(static=True, default=True)
@@ -79,7 +108,9 @@ class FruitFlyProposal(AbstractProposal):
     fly_beams: int = eqx.field(static=True, default=60)
 
     def __check_init__(self):
-        require_at_least_zero(self, positive=("sigma_hit",))
+        require_at_least_zero(self, positive=("sigma_hit", "sharpness"))
+        require_one_of(self, "weight", ("likelihood", "density"))
+        require_one_of(self, "swarm", ("own", "particles"))
 
     def sample(
         self,
@@ -90,20 +121,86 @@ class FruitFlyProposal(AbstractProposal):
         motion: AbstractMotionModel,
         sensor: AbstractSensorModel,
     ) -> Proposed:
-        """Draws, looks round, aligns, lets the flies out, searches if lost, and keeps the best."""
+        """Draws, looks round, aligns, searches if lost, lets the flies out, and keeps the best."""
+        aligned = self._align(key, pose, inputs, field, motion, sensor)
+        found = aligned.best.pose
+        if self.use_flies:
+            beams = scan_points(inputs.scan, self.fly_beams)
+            found = self.fly(jax.random.fold_in(key, 1), field.fine, beams, aligned.prior, found)
+        return self._finish(jax.random.fold_in(key, 2), aligned, found, pose, inputs, field, motion, sensor)
+
+    def sample_all(
+        self,
+        keys: Key[Array, "N"],
+        poses: Float[Array, "N 3"],
+        inputs: StepInputs,
+        fields: Field,
+        motion: AbstractMotionModel,
+        sensor: AbstractSensorModel,
+    ) -> Proposed:
+        """Each particle with a swarm of its own, or all of them as one swarm."""
+        if self.swarm == "own" or not self.use_flies:
+            each = jax.vmap(self.sample, (0, 0, None, 0, None, None))
+            return each(keys, poses, inputs, fields, motion, sensor)
+        align = jax.vmap(self._align, (0, 0, None, 0, None, None))
+        aligned = align(keys, poses, inputs, fields, motion, sensor)
+        beams = scan_points(inputs.scan, self.fly_beams)
+
+        def fitness(positions: Float[Array, "N 3"]) -> Float[Array, "N"]:
+            each = jax.vmap(self._fitness, (0, None, 0, 0))
+            return each(fields.fine, beams, aligned.prior, positions)
+
+        # Headings are crossed: none may lie beyond ±π from another.
+        starts = aligned.best.pose
+        first = starts[0, 2]
+        starts = starts.at[:, 2].set(first + se2.wrap(starts[:, 2] - first))
+        key_flies = jax.random.fold_in(keys[0], 1)
+        found = self.flies.maximise_each(fitness, key_flies, starts, *self._steps_and_bounds(starts)).position
+        keys = jax.vmap(jax.random.fold_in, (0, None))(keys, 2)
+        finish = jax.vmap(self._finish, (0, 0, 0, 0, None, 0, None, None))
+        return finish(keys, aligned, found, poses, inputs, fields, motion, sensor)
+
+    def fly(
+        self,
+        key: PRNGKeyArray,
+        field: DistanceField,
+        beams: ScanPoints,
+        prior: PosePrior,
+        start: Float[Array, "3"],
+    ) -> Float[Array, "3"]:
+        """Best pose `[3]` that a swarm about `start` comes to, by its own fitness; no worse than the start.
+
+        Args:
+            key: PRNG key.
+            field: the particle's map.
+            beams: the end points that a fly looks at.
+            prior: p(x | x_prev, u).
+            start: `[3]` where the flies set out.
+        """
+
+        def fitness(pose: Float[Array, "3"]) -> Float[Array, ""]:
+            return self._fitness(field, beams, prior, pose)
+
+        return self.flies.maximise(fitness, key, start, *self._steps_and_bounds(start)).position
+
+    def _align(
+        self,
+        key: PRNGKeyArray,
+        pose: Float[Array, "3"],
+        inputs: StepInputs,
+        field: Field,
+        motion: AbstractMotionModel,
+        sensor: AbstractSensorModel,
+    ) -> _Aligned:
+        """From a draw of the motion model into the likely region, tobacco (12)–(15)."""
         drawn = motion.sample(key, pose, inputs.odometry)
-        key_flies = jax.random.fold_in(key, 1)
         prior = prior_about(motion, inputs.odometry, drawn, self.prior_translation, self.prior_rotation)
         judge = Judge(field, inputs.scan, sensor, prior, self.prior_score)
         ends = scan_points(inputs.scan, self.max_beams)
-
-        def align(start: Float[Array, "3"]) -> Float[Array, "3"]:
-            return self.icp.match(field, ends, start).pose if self.use_icp else start
-
         predicted = se2.compose(pose, inputs.odometry.delta)
         sigma = jnp.sqrt(motion.covariance(inputs.odometry)[2, 2])
         turned = self.heading.search(field.coarse, ends, drawn[:2], predicted[2], sigma)
-        start, aligned = judge.pair(drawn, align(turned))
+        start, aligned = judge.pair(drawn, self._icp(field, ends, turned))
         best = better(start, aligned)
         enough = jnp.sum(ends.valid, dtype=jnp.float32) >= self.min_valid_beams
         lost = enough & (share_explained(field.fine, ends, best.pose) < self.lost_below)
@@ -111,43 +208,57 @@ class FruitFlyProposal(AbstractProposal):
         def search(best: Candidate) -> Candidate:
             # From the carry and not from the draw: what does not change in a loop, XLA computes before it.
             found = self.search.search(field, ends, best.pose, prior)
-            one, other = judge.pair(found, align(found))
+            one, other = judge.pair(found, self._icp(field, ends, found))
             return better(better(best, one), other)
 
-        best = run_if(lost, search, best)
-        if self.use_flies:
-            found = self.swarm(key_flies, field.fine, ends, best.pose, prior)
-            best = better(best, judge.candidate(align(found) if self.polish else found))
-        return settle(start, best, enough, lost)
+        return _Aligned(start, run_if(lost, search, best), prior, enough, lost)
 
-    def swarm(
+    def _finish(
         self,
         key: PRNGKeyArray,
-        field: DistanceField,
-        ends: ScanPoints,
-        start: Float[Array, "3"],
-        prior: PosePrior,
-    ) -> Float[Array, "3"]:
-        """Best pose that a swarm comes to, by its own fitness.
+        aligned: _Aligned,
+        found: Float[Array, "3"],
+        pose: Float[Array, "3"],
+        inputs: StepInputs,
+        field: Field,
+        motion: AbstractMotionModel,
+        sensor: AbstractSensorModel,
+    ) -> Proposed:
+        """The pose that a particle goes to, and what the weight needs."""
+        judge = Judge(field, inputs.scan, sensor, aligned.prior, self.prior_score)
+        ends = scan_points(inputs.scan, self.max_beams)
+        best = aligned.best
+        if self.use_flies:
+            polished = self._icp(field, ends, found) if self.polish else found
+            best = better(best, judge.candidate(polished))
+        if self.weight == "likelihood":
+            return settle(aligned.drawn, best, aligned.enough, aligned.lost)
+        key_fit, key_draw = jax.random.split(key)
+        around = self.around.fit(
+            key_fit, lambda x: self.sharpness * judge.candidate(x).score, best.pose, ends
+        )
+        sampled = judge.candidate(around.sample(key_draw))
+        log_ratio = motion.log_prob(sampled.pose, pose, inputs.odometry) - around.log_prob(sampled.pose)
+        return settle(aligned.drawn, sampled, aligned.enough, aligned.lost, log_ratio / self.sharpness)
 
-        Args:
-            key: PRNG key.
-            field: the particle's map.
-            ends: the scan, of which `fly_beams` are looked at.
-            start: `[3]` where the flies set out, and what the result is no worse than.
-            prior: p(x | x_prev, u).
-        """
-        chosen = spread_beams(ends.valid.shape[0], self.fly_beams)
-        points, valid = ends.points[chosen], ends.valid[chosen]
-        total = jnp.sum(ends.valid, dtype=jnp.float32)
-        share = total / jnp.maximum(jnp.sum(valid, dtype=jnp.float32), 1.0)
+    def _icp(self, field: Field, ends: ScanPoints, start: Float[Array, "3"]) -> Float[Array, "3"]:
+        return self.icp.match(field, ends, start).pose if self.use_icp else start
 
-        def fitness(pose: Float[Array, "3"]) -> Float[Array, ""]:
-            squared, unseen = field.look_up(se2.apply(pose, points))
-            on_map = jnp.exp(-0.5 * squared / self.sigma_hit**2)
-            scores = jnp.where(valid & ~unseen, on_map, 0.0)
-            return self.beam_score * share * jnp.sum(scores) + self.prior_score * prior.log_prob(pose)
+    def _fitness(
+        self, field: DistanceField, beams: ScanPoints, prior: PosePrior, pose: Float[Array, "3"]
+    ) -> Float[Array, ""]:
+        """Logarithm of Γ for a fly, tobacco (12), by a mean over the beams that are looked at."""
+        squared, unseen = field.look_up(se2.apply(pose, beams.points))
+        on_map = jnp.exp(-0.5 * squared / self.sigma_hit**2)
+        hit = jnp.sum(jnp.where(beams.valid & ~unseen, on_map, 0.0))
+        share = hit / jnp.maximum(jnp.sum(beams.valid, dtype=jnp.float32), 1.0)
+        return self.scan_score * share + self.prior_score * prior.log_prob(pose)
 
+    def _steps_and_bounds(
+        self, starts: Float[Array, "*N 3"]
+    ) -> tuple[Float[Array, "3"], Float[Array, "*N 3"], Float[Array, "*N 3"]]:
+        """Scale of a step, and the least and largest value of each fly."""
         scale = jnp.asarray([self.step_translation, self.step_translation, self.step_rotation])
         reach = jnp.asarray([self.reach_translation, self.reach_translation, self.reach_rotation])
-        return self.flies.maximise(fitness, key, start, scale, start - reach, start + reach).position
+        reach = jnp.broadcast_to(reach, starts.shape)
+        return scale, starts - reach, starts + reach

@@ -197,9 +197,7 @@ class RBPF(eqx.Module):
     def _propose(
         self, keys: Key[Array, "N"], state: RBPFState, inputs: StepInputs, fields: Field
     ) -> Proposed:
-        proposed = jax.vmap(self.proposal.sample, (0, 0, None, 0, None, None))(
-            keys, state.poses, inputs, fields, self.motion, self.sensor
-        )
+        proposed = self.proposal.sample_all(keys, state.poses, inputs, fields, self.motion, self.sensor)
         predicted = jax.vmap(se2.compose, (0, None))(state.poses, inputs.odometry.delta)
         # Odometry that is not a number moves nothing.
         predicted = jnp.where(_all_finite(predicted), predicted, state.poses)
@@ -212,7 +210,7 @@ class RBPF(eqx.Module):
         least = jnp.min(jnp.where(finite[:, 0], proposed.log_likelihood, jnp.inf))
         least = jnp.where(jnp.isfinite(least), least, 0.0)
         log_likelihood = jnp.where(finite[:, 0], proposed.log_likelihood, least)
-        log_ratio = jnp.where(finite[:, 0], proposed.log_ratio, 0.0)
+        log_ratio = jnp.where(keep[:, 0], 0.0, proposed.log_ratio)
         return eqx.tree_at(
             lambda p: (p.pose, p.log_likelihood, p.log_ratio, p.flags),
             proposed,

@@ -81,10 +81,10 @@ def fruit_flies(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
     """The default swarm around every particle."""
 
     def fly_all(poses, fields, inputs, proposal, precision, key):
-        ends = scan_points(inputs.scan)
+        beams = scan_points(inputs.scan, proposal.fly_beams)
         keys = jax.random.split(key, poses.shape[0])
         return jax.vmap(
-            lambda key, pose, field: proposal.swarm(key, field, ends, pose, PosePrior(pose, precision))
+            lambda key, pose, field: proposal.fly(key, field, beams, PosePrior(pose, precision), pose)
         )(keys, poses, fields.fine)
 
     precision = jnp.diag(jnp.asarray([400.0, 400.0, 4000.0], jnp.float32))
@@ -97,9 +97,7 @@ def propose(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
 
     def propose_all(poses, fields, inputs, slam, key):
         keys = jax.random.split(key, poses.shape[0])
-        return jax.vmap(slam.proposal.sample, (0, 0, None, 0, None, None))(
-            keys, poses, inputs, fields, slam.motion, slam.sensor
-        )
+        return slam.proposal.sample_all(keys, poses, inputs, fields, slam.motion, slam.sensor)
 
     return Stage(propose_all, (state.poses, _fields(slam, state, inputs), inputs, slam, jax.random.key(2)))
 

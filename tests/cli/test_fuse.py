@@ -38,7 +38,7 @@ def test_a_map_from_fused_odometry(data_dir, tmp_path):
     bag, small = str(data_dir / "bags/turtlebot3_drive.mcap"), ["--particles", "3", "--set", "window=4"]
     assert main(["run", bag, "--fuse", *small, "--out", str(tmp_path)]) == 0
     run = json.loads((tmp_path / "run.json").read_text())
-    assert run["configuration"]["motion.kind"] == "gaussian"
+    assert run["configuration"]["fusion.use"] == "on"
     assert run["fused"]["readings"]["imu"] == 1256
     assert (tmp_path / "map.png").exists()
 
@@ -51,7 +51,7 @@ def test_a_log_without_imu_cannot_be_mapped_fused(data_dir, tmp_path, capsys):
 
 
 def test_an_axis_without_fusing_is_refused(data_dir, capsys):
-    assert main(["run", str(data_dir / "bags/husky.bag"), "--imu-yaw-axis", "y"]) == 2
+    assert main(["run", str(data_dir / "bags/turtlebot3_drive.mcap"), "--imu-yaw-axis", "y"]) == 2
     assert "--imu-yaw-axis is for --fuse" in capsys.readouterr().err
 
 
@@ -70,7 +70,7 @@ def test_a_printed_configuration_has_the_lidar_only_if_it_was_asked_for(capsys):
     [
         ("carmen/csail.clf.gz", [], "no IMU in it, so there is nothing to fuse"),
         ("bags/turtlebot3_drive.mcap", ["--gps"], "no GPS fix in it"),
-        ("bags/husky.bag", ["--imu-yaw-axis", "w"], "--imu-yaw-axis is 'w': give one of x, y, z"),
+        ("bags/husky.bag", ["--imu-yaw-axis", "w"], "yaw_axis is 'w', must be one of auto, x, y, z"),
         ("bags/turtlebot3_drive.mcap", ["--track", "0.16"], "--wheel-radius and --track go together"),
         ("bags/husky.bag", ["--track", "1", "--wheel-radius", "1"], "no wheel angles"),
         ("bags/turtlebot3_drive.mcap", ["--track", "0", "--wheel-radius", "1"], "the track is 0.0 m"),

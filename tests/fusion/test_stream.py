@@ -148,7 +148,7 @@ def test_inputs_get_the_fused_increments():
     )
     log = SensorLog(Path("circle"), odometry=wheels, imu=imu(), scans=scans)
     plain = prepare_inputs(log, Thinning(0.5, 0.5))
-    prepared, fused = with_fused_odometry(plain, log)
+    prepared, fused, _ = with_fused_odometry(plain, log)
     delta = np.asarray(prepared.inputs.odometry.delta)
     intervals = np.diff(prepared.stamps)
     assert np.abs(delta[1:, 2] - 0.5 * intervals).max() < 0.05

@@ -131,6 +131,53 @@ def test_new_floats_do_not_recompile():
     assert traces == 1
 
 
+PEAKS = jnp.asarray([[0.0, 0.0], [0.5, -0.3], [-0.4, 0.2], [0.1, 0.6]], jnp.float32)
+STARTS = jnp.asarray([[0.3, 0.3], [0.2, -0.6], [-0.1, 0.5], [0.4, 0.2]], jnp.float32)
+
+
+def own_hills(positions):
+    """Every fly has a landscape of its own, the hill at its own place."""
+    return -jnp.sum((positions - PEAKS) ** 2, axis=1)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def run_each(fitness, flies, key, lower, upper):
+    return flies.maximise_each(fitness, key, STARTS, jnp.full(2, 0.2, jnp.float32), lower, upper)
+
+
+@pytest.mark.parametrize(
+    "flies", [FruitFlies.standard(1, 30), FruitFlies(1, 30)], ids=["standard", "improved"]
+)
+def test_every_fly_climbs_its_own_hill_and_keeps_its_own_best(flies):
+    """All go to the best individual each time, so that a fly far from it looks at its own hill from there."""
+    found = run_each(own_hills, flies, jax.random.key(0), STARTS - 1.0, STARTS + 1.0)
+    np.testing.assert_allclose(own_hills(found.position), found.fitness, atol=1e-6)
+    assert (np.asarray(found.fitness) >= np.asarray(own_hills(STARTS))).all()
+    # The leader's hill is climbed to the top; history is the leader's.
+    assert float(found.fitness.max()) > -0.01
+    assert float(found.history[-1]) == pytest.approx(float(found.fitness.max()), abs=1e-6)
+    assert np.all(np.diff(found.history) >= 0)
+
+
+def test_flies_stay_within_their_own_bounds_though_they_go_to_the_best():
+    lower, upper = STARTS - 0.05, STARTS + 0.05
+    found = run_each(own_hills, FruitFlies(1, 10), jax.random.key(1), lower, upper)
+    assert (np.asarray(found.position) >= np.asarray(lower)).all()
+    assert (np.asarray(found.position) <= np.asarray(upper)).all()
+    # The first fly's hill lies beyond its bounds: its best place is the corner next to it.
+    np.testing.assert_allclose(found.position[0], lower[0], atol=1e-3)
+
+
+def test_a_fly_that_sees_nothing_stays_where_it_set_out():
+    def torn(positions):
+        return jnp.where(jnp.arange(4) == 2, jnp.nan, own_hills(positions))
+
+    found = run_each(torn, FruitFlies(1, 10), jax.random.key(2), STARTS - 1.0, STARTS + 1.0)
+    np.testing.assert_array_equal(found.position[2], STARTS[2])
+    assert float(found.fitness[2]) == -np.inf
+    assert np.isfinite(found.fitness).sum() == 3
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

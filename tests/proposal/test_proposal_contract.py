@@ -21,6 +21,8 @@ PROPOSALS = {
     "motion": MotionProposal(),
     "matched": MatchedProposal(max_beams=NUM_BEAMS),
     "fruit_fly": FruitFlyProposal(max_beams=NUM_BEAMS, flies=FruitFlies(8, 4)),
+    "fruit_fly_density": FruitFlyProposal(max_beams=NUM_BEAMS, flies=FruitFlies(8, 4), weight="density"),
+    "fruit_fly_together": FruitFlyProposal(max_beams=NUM_BEAMS, flies=FruitFlies(8, 4), swarm="particles"),
 }
 every_proposal = pytest.mark.parametrize("proposal", PROPOSALS.values(), ids=PROPOSALS.keys())
 POSE = jnp.asarray([0.2, -0.3, 0.4], jnp.float32)
@@ -70,8 +72,8 @@ def sample(proposal, key, pose, inputs):
 
 @jax.jit
 def sample_many(proposal, keys, poses, inputs):
-    draw = jax.vmap(proposal.sample, (0, 0, None, None, None, None))
-    return draw(keys, poses, inputs, FIELD, MOTION, SENSOR)
+    fields = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (len(poses), *leaf.shape)), FIELD)
+    return proposal.sample_all(keys, poses, inputs, fields, MOTION, SENSOR)
 
 
 def test_every_proposal_is_registered():
@@ -100,6 +102,8 @@ def test_the_log_likelihood_is_the_sensor_models_at_the_pose(proposal):
 
 @every_proposal
 def test_jit_and_vmap_change_nothing(proposal):
+    if getattr(proposal, "swarm", "own") == "particles":
+        proposal = dataclasses.replace(proposal, use_flies=False)
     keys, poses = jax.random.split(jax.random.key(1), 3), jnp.tile(POSE[None], (3, 1))
     together = sample_many(proposal, keys, poses, inputs_of())
     for index, key in enumerate(keys):
@@ -131,7 +135,7 @@ def test_draws_lie_around_the_truth_and_differ(proposal):
     assert not np.asarray(proposed.flags).any()
 
 
-@pytest.mark.parametrize("matching", ["matched", "fruit_fly"])
+@pytest.mark.parametrize("matching", ["matched", "fruit_fly", "fruit_fly_density", "fruit_fly_together"])
 def test_matching_brings_the_draws_together_at_the_truth(matching):
     keys, poses = jax.random.split(jax.random.key(3), 16), jnp.tile(POSE[None], (16, 1))
     drawn, matched = (
@@ -171,6 +175,7 @@ def test_a_lost_particle_searches_and_says_so(matching):
         {"flies": FruitFlies(8, 4, crossover=False)},
         {"flies": FruitFlies(1, 3)},
         {"flies": FruitFlies(8, 0)},
+        {"swarm": "particles", "flies": FruitFlies(8, 0)},
     ],
     ids=str,
 )
@@ -181,3 +186,37 @@ def test_every_stage_of_the_fruit_flies_can_be_switched_off(changed):
     proposed = sample_many(proposal, keys, poses, inputs_of())
     drawn = sample_many(PROPOSALS["motion"], keys, poses, inputs_of())
     assert np.all(np.asarray(proposed.log_likelihood) > np.asarray(drawn.log_likelihood) - 1e-4)
+
+
+def test_a_swarm_of_particles_is_no_worse_than_none():
+    """The particles as one swarm, in their own maps: none ends below where ICP had brought it."""
+    together = PROPOSALS["fruit_fly_together"]
+    alone = dataclasses.replace(together, use_flies=False)
+    keys = jax.random.split(jax.random.key(7), 8)
+    # Headings to either side of ±π: crossed as numbers, they would meet at 0.
+    poses = jnp.tile(POSE.at[2].set(np.pi - 0.1)[None], (8, 1))
+    with_flies, without = (sample_many(p, keys, poses, inputs_of()) for p in (together, alone))
+    assert np.all(np.asarray(with_flies.log_likelihood) > np.asarray(without.log_likelihood) - 0.2)
+    assert np.abs(np.asarray(se2.wrap(with_flies.pose[:, 2] - without.pose[:, 2]))).max() < 0.35
+
+
+def test_weights_by_the_density_undo_where_the_draws_lie():
+    """Likelihood × ratio varies less than either: p and q fall together away from the mode."""
+    proposal = dataclasses.replace(PROPOSALS["fruit_fly_density"], sharpness=jnp.float32(1.0))
+    keys, poses = jax.random.split(jax.random.key(8), 64), jnp.tile(POSE[None], (64, 1))
+    proposed = sample_many(proposal, keys, poses, inputs_of())
+    weights = np.asarray(proposed.log_likelihood + proposed.log_ratio)
+    assert weights.std() < np.asarray(proposed.log_ratio).std()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"weight": "none"}, "weight is 'none', must be one of likelihood, density"),
+        ({"swarm": "all"}, "swarm is 'all', must be one of own, particles"),
+        ({"sharpness": 0.0}, "sharpness is 0.0"),
+    ],
+)
+def test_choices_that_there_are_not_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        FruitFlyProposal(**arguments)

@@ -1,0 +1,133 @@
+"""A Gaussian fitted to the poses around a mode, to draw from and to weigh by."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from jaxslam import se2
+from jaxslam.checks import require_at_least_zero
+from jaxslam.lidar.beams import ScanPoints
+from jaxslam.linalg import cholesky, inverse_symmetric
+
+_LOG_TWO_PI = 1.8378770664093453
+
+
+class PoseGaussian(eqx.Module):
+    """A normal density over poses.
+
+    Attributes:
+        mean: `[3]` (m, m, rad, world frame).
+        factor: `[3, 3]` lower Cholesky factor of the covariance.
+        log_eta: log of the mean of the values that it was fitted to, mine (20)'s η up to a constant.
+    """
+
+    mean: Float[Array, "3"]
+    factor: Float[Array, "3 3"]
+    log_eta: Float[Array, ""]
+
+    def sample(self, key: PRNGKeyArray) -> Float[Array, "3"]:
+        """A pose `[3]`."""
+        offset = self.factor @ jax.random.normal(key, (3,), jnp.float32)
+        return jnp.append(self.mean[:2] + offset[:2], se2.wrap(self.mean[2] + offset[2]))
+
+    def log_prob(self, pose: Float[Array, "3"]) -> Float[Array, ""]:
+        """Natural log of the density per m²·rad; the heading error is wrapped."""
+        offset = _offsets(self.mean, pose[None])[0]
+        (a, _, _), (b, c, _), (d, e, f) = self.factor
+        # Forward substitution, spelt out: a batched solve is a library call.
+        first = offset[0] / a
+        second = (offset[1] - b * first) / c
+        third = (offset[2] - d * first - e * second) / f
+        squared = first * first + second * second + third * third
+        return -0.5 * squared - jnp.log(a * c * f) - 1.5 * _LOG_TWO_PI
+
+
+class PosesAround(eqx.Module):
+    r"""K poses around a mode and their moments, mine (19)–(21).
+
+    The paper's $|x_j - x^*| < \Delta$ is read in the end points: poses are drawn that move them by up to
+    `spread` across the walls they lie on, so that the cloud is long along a corridor and short across it.
+
+    Attributes:
+        spread: Δ, how far the end points move across their walls, root mean square, metres.
+        reach_translation: and the pose at most where no wall holds it, metres.
+        reach_rotation: and in heading, radians.
+        least_translation: standard deviation that stays in position, metres.
+        least_rotation: and in heading, radians.
+        num_poses: K (static).
+
+    References:
+        The second paper, "mine"; Grisetti et al. 2007, section III-B.
+    """
+
+    spread: float | Float[Array, ""] = 0.03
+    reach_translation: float | Float[Array, ""] = 0.2
+    reach_rotation: float | Float[Array, ""] = 0.05
+    least_translation: float | Float[Array, ""] = 0.002
+    least_rotation: float | Float[Array, ""] = 0.0005
+    num_poses: int = eqx.field(static=True, default=50)
+
+    def __check_init__(self):
+        require_at_least_zero(
+            self,
+            positive=("spread", "reach_translation", "reach_rotation", "least_translation", "least_rotation"),
+        )
+
+    def fit(
+        self,
+        key: PRNGKeyArray,
+        log_value: Callable[[Float[Array, "3"]], Float[Array, ""]],
+        mode: Float[Array, "3"],
+        ends: ScanPoints,
+    ) -> PoseGaussian:
+        """Mean and covariance of the poses around a mode, each weighed by its value.
+
+        Args:
+            key: PRNG key.
+            log_value: log p of a pose `[3]`; it is vmapped. A NaN counts as nothing.
+            mode: `[3]` (m, m, rad, world frame).
+            ends: the scan, whose walls say how far each way the poses may lie.
+        """
+        # (19)
+        drawn = jax.random.uniform(key, (self.num_poses, 3), jnp.float32, -1.0, 1.0)
+        poses = mode[None] + drawn @ self._shape(ends, mode).T
+        values = jax.vmap(log_value)(poses)
+        values = jnp.where(jnp.isnan(values), -jnp.inf, values)
+        largest = jnp.maximum(jnp.max(values), jnp.finfo(jnp.float32).min)
+        weights = jnp.exp(values - largest)
+        total = jnp.sum(weights)
+        # Where nothing counts, all poses count the same.
+        weights = jnp.where(total > 0, weights, 1.0)
+        weights = weights / jnp.sum(weights)
+        # (20), (21); headings as differences from the mode's, so that they do not wrap.
+        mean = jnp.sum(weights[:, None] * poses, axis=0)
+        offsets = poses - mean[None]
+        covariance = (offsets * weights[:, None]).T @ offsets
+        least = jnp.stack(
+            [jnp.asarray(s, jnp.float32) for s in (self.least_translation,) * 2 + (self.least_rotation,)]
+        )
+        return PoseGaussian(
+            mean=jnp.append(mean[:2], se2.wrap(mean[2])),
+            factor=cholesky(covariance + jnp.diag(least * least), least * least),
+            log_eta=jnp.log(total / self.num_poses) + largest,
+        )
+
+    def _shape(self, ends: ScanPoints, mode: Float[Array, "3"]) -> Float[Array, "3 3"]:
+        """Factor of the inverse information of the walls seen, `spread` across them."""
+        arms, normals = se2.rotate_all(mode[2], ends.points), se2.rotate_all(mode[2], ends.normals)
+        lever = arms[:, 0] * normals[:, 1] - arms[:, 1] * normals[:, 0]
+        rows = jnp.stack([normals[:, 0], normals[:, 1], lever]) * ends.valid.astype(jnp.float32)[None]
+        count = jnp.maximum(jnp.sum(ends.valid, dtype=jnp.float32), 1.0)
+        reach = jnp.stack(
+            [jnp.asarray(r, jnp.float32) for r in (self.reach_translation,) * 2 + (self.reach_rotation,)]
+        )
+        information = rows @ rows.T / (count * self.spread**2) + jnp.diag(1.0 / (reach * reach))
+        return cholesky(inverse_symmetric(information), jnp.full(3, 1e-12, jnp.float32))
+
+
+def _offsets(mean: Float[Array, "3"], poses: Float[Array, "K 3"]) -> Float[Array, "K 3"]:
+    offsets = poses - mean[None]
+    return offsets.at[:, 2].set(se2.wrap(offsets[:, 2]))

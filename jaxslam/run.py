@@ -1,9 +1,9 @@
 """Running a filter over a log: jitted steps in chunks, progress between them, flags turned into errors."""
 
+import functools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -54,10 +54,9 @@ class RunResult:
         grid: where that map lies.
         particles: `[N, 3]` final poses.
         log_weights: `[N]` final, normalised.
-        ess: `[T]` effective sample size before resampling.
-        resampled: `[T]` where it was resampled.
-        flags: `[T]` `jaxslam.flags.Flag` bits.
-        compile_s: seconds spent compiling.
+        infos: what every step left behind, NumPy arrays `[T, ...]`: particles, weights, effective sample
+            size, resamplings, flags.
+        compile_s: seconds spent compiling; next to none if a run of the same sizes has been before.
         run_s: seconds spent running, compilation apart.
         ms_per_scan: `run_s` per processed scan, milliseconds.
         warnings: one line each.
@@ -71,13 +70,26 @@ class RunResult:
     grid: GridSpec
     particles: Float64[np.ndarray, "N 3"]
     log_weights: Float32[np.ndarray, "N"]
-    ess: Float32[np.ndarray, "T"]
-    resampled: Bool[np.ndarray, "T"]
-    flags: Int[np.ndarray, "T"]
+    infos: StepInfo
     compile_s: float
     run_s: float
     ms_per_scan: float
     warnings: tuple[str, ...]
+
+    @property
+    def ess(self) -> Float32[np.ndarray, "T"]:
+        """Effective sample size before resampling."""
+        return np.asarray(self.infos.ess)
+
+    @property
+    def resampled(self) -> Bool[np.ndarray, "T"]:
+        """Where it was resampled."""
+        return np.asarray(self.infos.resampled)
+
+    @property
+    def flags(self) -> Int[np.ndarray, "T"]:
+        """`jaxslam.flags.Flag` bits."""
+        return np.asarray(self.infos.flags)
 
 
 def run(
@@ -127,8 +139,10 @@ def run_log(
     inputs, infos = _padded(prepared.inputs, total), []
     pose0 = jnp.asarray(prepared.pose0, jnp.float32)
     state = jax.jit(RBPF.init)(slam, key, pose0)
+    advance = _program()
     started = time.perf_counter()
-    advance = _advance.lower(slam, key, state, inputs, 0, 1).compile(compiler_options())
+    # No step at all: what takes time is compiling, unless a run of the same sizes has been before.
+    state, _ = jax.block_until_ready(advance(slam, key, state, inputs, 0, 0))
     compile_s = time.perf_counter() - started
     run_s, bar = 0.0, _progress_bar(total) if progress else None
     for first in range(0, total, CHUNK):
@@ -148,7 +162,12 @@ def run_log(
     return _result(slam, state, infos, prepared, compile_s, run_s)
 
 
-@partial(jax.jit, donate_argnums=(2,))
+@functools.cache
+def _program() -> Callable:
+    """`_advance`, compiled as the device wants it: one per process, so that equal sizes share a program."""
+    return jax.jit(_advance, donate_argnums=(2,), compiler_options=compiler_options())
+
+
 def _advance(
     slam: RBPF,
     key: PRNGKeyArray,
@@ -217,7 +236,8 @@ def _result(
     run_s: float,
 ) -> RunResult:
     snapshot = _snapshot(state, infos)
-    flags = np.concatenate([info.flags for info in infos])
+    together = jax.tree.map(lambda *leaves: np.concatenate(leaves), *infos)
+    flags = np.asarray(together.flags)
     last = np.searchsorted(prepared.scan_index, prepared.all_index, side="right") - 1
     processed = np.searchsorted(prepared.all_index, prepared.scan_index)
     since = relative_poses(prepared.all_odometry[processed][last], prepared.all_odometry)
@@ -230,9 +250,7 @@ def _result(
         grid=slam.grid,
         particles=snapshot.particles,
         log_weights=np.asarray(state.log_weights),
-        ess=np.concatenate([info.ess for info in infos]),
-        resampled=np.concatenate([info.resampled for info in infos]),
-        flags=flags,
+        infos=together,
         compile_s=compile_s,
         run_s=run_s,
         ms_per_scan=1e3 * run_s / len(flags),

@@ -1,6 +1,5 @@
 """`jaxslam demo`: the whole way on a simulated hall, with the truth beside it."""
 
-import dataclasses
 import shlex
 from pathlib import Path
 
@@ -12,13 +11,12 @@ from jaxslam.cli.arguments import Demo
 from jaxslam.cli.effective import effective_configuration
 from jaxslam.cli.mapping import check_seed, map_log, print_summary
 from jaxslam.grid.spec import GridSpec
-from jaxslam.io import SensorLog, compose_poses, invert_poses
 from jaxslam.metrics import BinaryMap, map_score
 from jaxslam.preparation import prepare
 from jaxslam.presets import PRESETS
 from jaxslam.report import make_folder, reference_error, trajectory_figures, versions, write_run
 from jaxslam.report.folder import occupancy_probability
-from jaxslam.sim import Simulation, World, make_world, observable, simulate, to_log
+from jaxslam.sim import World, make_world, observable, simulate, to_log
 from jaxslam.viz.picture import MapLayer
 
 DURATION = 200.0
@@ -44,7 +42,7 @@ def execute(command: Demo, arguments: list[str]) -> None:
     # Another key than the filter's, which knows nothing of the simulator's noise.
     key = jax.random.fold_in(jax.random.key(command.seed), 1)
     simulation = simulate(key, world, waypoints, duration=DURATION)
-    log = _in_world_frame(simulation, command.world)
+    log = to_log(simulation, command.world, in_world_frame=True)
     prepared = prepare(log, configuration)
     result = map_log(prepared, command.seed, gif=folder / "map.gif" if command.gif else None)
     assert log.scans is not None
@@ -68,16 +66,6 @@ def execute(command: Demo, arguments: list[str]) -> None:
     )
     lidar = f"{configuration.lidar.name} (simulated)"
     print_summary(folder, result, configuration, metrics, lidar, prepared)
-
-
-def _in_world_frame(simulation: Simulation, name: str) -> SensorLog:
-    """The log with odometry that starts at the true pose, so that map and truth share a frame."""
-    log = to_log(simulation, name)
-    assert log.odometry is not None
-    start = np.asarray(simulation.drive.poses[0], np.float64)[None]
-    origin = compose_poses(start, invert_poses(log.odometry.poses[:1]))
-    odometry = dataclasses.replace(log.odometry, poses=compose_poses(origin, log.odometry.poses))
-    return dataclasses.replace(log, odometry=odometry)
 
 
 def _compare(

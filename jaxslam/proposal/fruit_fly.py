@@ -16,7 +16,7 @@ from jaxslam.matching.icp import ICP
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.optimise.fruit_fly import FruitFlies
 from jaxslam.proposal.base import AbstractProposal, Proposed
-from jaxslam.proposal.candidate import Candidate, Judge, better, prior_about, settle, share_explained
+from jaxslam.proposal.candidate import Candidate, Judge, PriorTrust, better, settle, share_explained
 from jaxslam.proposal.pose_gaussian import PosesAround
 from jaxslam.sensor.base import AbstractSensorModel
 from jaxslam.sensor.field import DistanceField, Field
@@ -53,8 +53,7 @@ class FruitFlyProposal(AbstractProposal):
         icp: alignment from there.
         flies: the swarm, from the best so far.
         search: wider search, run where fewer than `lost_below` of the beams meet the map.
-        prior_translation: what the motion model's precision in position counts for.
-        prior_rotation: and its precision in heading.
+        prior: how much the motion model is trusted.
         prior_score: what that prior counts for where candidates are compared.
         step_translation: scale of a fly's step, metres.
         step_rotation: and in heading, radians.
@@ -86,14 +85,13 @@ class FruitFlyProposal(AbstractProposal):
     icp: ICP = ICP()
     flies: FruitFlies = FruitFlies()
     search: CorrelativeSearch = CorrelativeSearch()
-    prior_translation: float | Float[Array, ""] = 0.1
-    prior_rotation: float | Float[Array, ""] = 0.1
-    prior_score: float | Float[Array, ""] = 0.5
+    prior: PriorTrust = PriorTrust()
+    prior_score: float | Float[Array, ""] = 0.9
     step_translation: float | Float[Array, ""] = 0.03
     step_rotation: float | Float[Array, ""] = 0.02
     reach_translation: float | Float[Array, ""] = 0.5
     reach_rotation: float | Float[Array, ""] = 0.3
-    sigma_hit: float | Float[Array, ""] = 0.1
+    sigma_hit: float | Float[Array, ""] = 0.07
     scan_score: float | Float[Array, ""] = 18.0
     lost_below: float | Float[Array, ""] = 0.5
     min_valid_beams: float | Float[Array, ""] = 5.0
@@ -194,7 +192,7 @@ class FruitFlyProposal(AbstractProposal):
     ) -> _Aligned:
         """From a draw of the motion model into the likely region, tobacco (12)–(15)."""
         drawn = motion.sample(key, pose, inputs.odometry)
-        prior = prior_about(motion, inputs.odometry, drawn, self.prior_translation, self.prior_rotation)
+        prior = self.prior.about(motion, inputs.odometry, drawn)
         judge = Judge(field, inputs.scan, sensor, prior, self.prior_score)
         ends = scan_points(inputs.scan, self.max_beams)
         predicted = se2.compose(pose, inputs.odometry.delta)

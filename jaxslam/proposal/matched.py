@@ -14,7 +14,7 @@ from jaxslam.matching.gauss_newton import GaussNewton
 from jaxslam.matching.heading import HeadingSearch
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.proposal.base import AbstractProposal, Proposed
-from jaxslam.proposal.candidate import Candidate, Judge, better, prior_about, settle, share_explained
+from jaxslam.proposal.candidate import Candidate, Judge, PriorTrust, better, settle, share_explained
 from jaxslam.sensor.base import AbstractSensorModel
 from jaxslam.sensor.field import Field
 from jaxslam.types import StepInputs
@@ -31,8 +31,7 @@ class MatchedProposal(AbstractProposal):
         coarse: matcher on the coarse field, a basin of about a metre: one of the starts when lost.
         fine: matcher on the map's own resolution, a basin of some 30 cm.
         search: wider search, run where fewer than `lost_below` of the beams meet the map.
-        prior_translation: what the motion model's precision in position counts for in the match.
-        prior_rotation: and its precision in heading.
+        prior: how much the motion model is trusted.
         prior_score: what that prior counts for where candidates are compared: the sensor model counts a
             beam for less than the match does.
         lost_below: share of valid beams near an obstacle, or where the map knows nothing, under which the
@@ -50,8 +49,7 @@ class MatchedProposal(AbstractProposal):
     coarse: GaussNewton = GaussNewton(sigma_cells=1.5, num_iterations=5)
     fine: GaussNewton = GaussNewton()
     search: CorrelativeSearch = CorrelativeSearch()
-    prior_translation: float | Float[Array, ""] = 0.1
-    prior_rotation: float | Float[Array, ""] = 0.1
+    prior: PriorTrust = PriorTrust()
     prior_score: float | Float[Array, ""] = 0.9
     lost_below: float | Float[Array, ""] = 0.5
     min_valid_beams: float | Float[Array, ""] = 5.0
@@ -71,7 +69,7 @@ class MatchedProposal(AbstractProposal):
     ) -> Proposed:
         """Draws, looks round, matches, searches if lost, and keeps the best of all that was seen."""
         drawn = motion.sample(key, pose, inputs.odometry)
-        prior = prior_about(motion, inputs.odometry, drawn, self.prior_translation, self.prior_rotation)
+        prior = self.prior.about(motion, inputs.odometry, drawn)
         judge = Judge(field, inputs.scan, sensor, prior, self.prior_score)
         ends = scan_points(inputs.scan, self.max_beams)
 

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Float64, PRNGKeyArray, Shaped
 
 from jaxslam.io.log import ImuTrack, JointTrack, OdometryTrack, ScanTrack, SensorLog
+from jaxslam.io.poses import compose_poses, invert_poses
 from jaxslam.sim.imu import Imu, Inertial
 from jaxslam.sim.lidar import Lidar, sick
 from jaxslam.sim.odometry import Odometry, WheelOdometry
@@ -143,7 +144,13 @@ def _simulate(
     )
 
 
-def to_log(simulation: Simulation, name: str = "simulation", *, start_stamp: float = 1.7e9) -> SensorLog:
+def to_log(
+    simulation: Simulation,
+    name: str = "simulation",
+    *,
+    start_stamp: float = 1.7e9,
+    in_world_frame: bool = False,
+) -> SensorLog:
     """The simulation as a log, as if it had been read from a file (host).
 
     Odometry, IMU and lidar have stamps of their own. The IMU reports orientation and angular
@@ -153,12 +160,14 @@ def to_log(simulation: Simulation, name: str = "simulation", *, start_stamp: flo
         simulation: one drive, without batch axes.
         name: stands where the path of a file would.
         start_stamp: Unix time of the start, seconds.
+        in_world_frame: let the odometry start at the true pose instead of its own zero, so that a map made
+            from it lies on the world.
     """
     odometry_stamps = start_stamp + simulation.odometry_times
     scan_stamps = start_stamp + simulation.scan_times
     odometry = OdometryTrack(
         stamps=odometry_stamps,
-        poses=_host(simulation.odometry.poses),
+        poses=_odometry_poses(simulation, in_world_frame),
         twists=_host(simulation.odometry.twists),
         topic="odom",
     )
@@ -174,6 +183,14 @@ def to_log(simulation: Simulation, name: str = "simulation", *, start_stamp: flo
     scans = _scan_track(simulation, scan_stamps)
     counts = {track.topic: len(track.stamps) for track in (odometry, imu, joints, scans)}
     return SensorLog(path=Path(name), odometry=odometry, imu=imu, joints=joints, scans=scans, topics=counts)
+
+
+def _odometry_poses(simulation: Simulation, in_world_frame: bool) -> Float64[np.ndarray, "M 3"]:
+    poses = _host(simulation.odometry.poses)
+    if not in_world_frame:
+        return poses
+    start = _host(simulation.drive.poses)[:1]
+    return compose_poses(compose_poses(start, invert_poses(poses[:1])), poses)
 
 
 def _imu_track(simulation: Simulation, start_stamp: float) -> ImuTrack:

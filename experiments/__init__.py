@@ -1,0 +1,1 @@
+"""Scripts that compare methods, settings and sensors; each a package that `python -m` starts."""

@@ -1,0 +1,120 @@
+"""`python -m experiments.tobacco_line [--smoke]`: runs everything, writes table and figures."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from experiments.harness import (
+    Arrays,
+    Cell,
+    Options,
+    compute,
+    markdown_table,
+    parse_options,
+    spread_over_seeds,
+)
+from experiments.tobacco_line.figures import DRAWN, draw_clouds, draw_errors, draw_maps
+from experiments.tobacco_line.methods import ABLATION, COMPARED, EQUAL, Method, evaluations
+from experiments.tobacco_line.runs import METHODS, run_cell, time_methods
+from jaxslam.report import versions
+from jaxslam.settings import flatten
+
+QUESTION = "Do 15 particles of the improved filter do what 30 of the traditional one do?"
+WORLDS = ("hall_small", "hall_large")
+DURATION, SMOKE_DURATION = 200.0, 6.0
+TIMED_FOR = 40.0
+"""Seconds of the drive that the methods are timed on."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Runs the experiment."""
+    options = parse_options("tobacco_line", QUESTION, seeds=10, arguments=arguments)
+    worlds = WORLDS[:1] if options.smoke else WORLDS
+    names = list(DRAWN) if options.smoke else list(METHODS)
+    duration = SMOKE_DURATION if options.smoke else DURATION
+    cells = [_cell(world, name, duration, options.seeds) for world in worlds for name in names]
+    results = compute(cells, run_cell, options)
+    times = _times(names, min(duration, TIMED_FOR), options)
+    for world in worlds:
+        draw_maps(options.out / f"{world}-maps.png", world, results)
+        draw_errors(options.out / f"{world}-errors.png", world, results)
+        draw_clouds(options.out / f"{world}-clouds.png", world, results)
+    text = "\n".join(
+        f"### {world}\n\n" + "\n".join(_tables(world, names, results, times)) for world in worlds
+    )
+    (options.out / "table.md").write_text(text, encoding="utf-8")
+    origin = {"seeds": options.seeds, "duration_s": duration, "versions": versions()}
+    (options.out / "run.json").write_text(json.dumps(origin, indent=1) + "\n")
+    print(text)
+    print(f"written to {options.out}")
+
+
+def _cell(world: str, name: str, duration: float, seeds: int) -> Cell:
+    settings = {
+        "world": world,
+        "method": name,
+        "duration": duration,
+        "seeds": seeds,
+        "configuration": flatten(METHODS[name].configuration()),
+    }
+    return Cell(f"{world}-{name}", settings)
+
+
+def _times(names: list[str], duration: float, options: Options) -> dict[str, float]:
+    """Measured after all else, in one process that has the machine to itself; kept like the cells."""
+    path: Path = options.out / "raw" / "times.json"
+    if path.exists() and not options.fresh:
+        kept = json.loads(path.read_text())
+        if set(kept) == set(names):
+            return kept
+    times = time_methods(names, WORLDS[0], duration, rounds=1 if options.smoke else 5)
+    path.write_text(json.dumps(times, indent=1) + "\n")
+    return times
+
+
+def _tables(world: str, names: list[str], results: dict[str, Arrays], times: dict[str, float]) -> list[str]:
+    """The comparison, the ablation, and the one at equal evaluations."""
+    groups = {
+        "Methods": COMPARED,
+        "One piece changed": {"improved-15": COMPARED["improved-15"], **ABLATION},
+        "At an equal number of evaluations": EQUAL,
+    }
+    tables = []
+    for title, group in groups.items():
+        present = {name: method for name, method in group.items() if name in names}
+        if len(present) > 1 or title == "Methods":
+            rows = [_row(method, results[f"{world}-{name}"], times[name]) for name, method in present.items()]
+            tables.append(f"{title}:\n\n" + markdown_table(HEADER, rows))
+    return tables
+
+
+HEADER = (
+    "method",
+    "particles",
+    "position RMSE, m",
+    "heading RMSE, °",
+    "IoU of walls (worst)",
+    "particles around the truth, m",
+    "spread, m",
+    "evaluations per scan",
+    "ms per scan",
+)
+
+
+def _row(method: Method, cell: Arrays, milliseconds: float) -> list[str]:
+    iou = cell["iou"]
+    return [
+        method.title,
+        str(method.particles),
+        spread_over_seeds(cell["position_rmse"]),
+        spread_over_seeds(cell["heading_rmse"], digits=2, scale=57.29578),
+        f"{iou.mean():.3f} ± {iou.std():.3f} ({iou.min():.3f})",
+        f"{cell['around_truth'].mean():.3f}",
+        f"{cell['spread'].mean():.3f}",
+        str(evaluations(method)),
+        f"{milliseconds:.1f}",
+    ]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,74 @@
+"""The paper's figures 4 to 7, drawn from the results."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from experiments.harness import Arrays
+from experiments.tobacco_line.methods import COMPARED
+from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT
+from jaxslam.viz import plot_errors, plot_map, plot_particles, plot_trajectory
+
+RESOLUTION = 0.05
+TRADITIONAL, IMPROVED = "traditional-30", "improved-15"
+DRAWN = {"traditional-30": "tab:red", "gmapping-30": "tab:orange", "improved-15": "tab:blue"}
+"""The methods in the figures, with their colours."""
+_CLOUD_SIDE = 0.6
+"""Least side of a cloud's picture, metres."""
+
+
+def draw_maps(path: Path, world: str, results: dict[str, Arrays]) -> None:
+    """Figures 4 and 6: the map of a hall by the traditional filter and by the improved one, seed 0."""
+    figure = Figure(figsize=(11, 5.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    for ax, name in zip(figure.subplots(1, 2), (TRADITIONAL, IMPROVED), strict=True):
+        cell = results[f"{world}-{name}"]
+        # int8 log-odds; what is drawn is the probability.
+        probability = 1.0 / (1.0 + np.exp(-cell["one_map"].astype(float) * LOG_ODDS_PER_UNIT))
+        probability[cell["one_map"] == 0] = np.nan
+        plot_map(probability, RESOLUTION, cell["one_origin"], ax)
+        plot_trajectory(cell["one_path"], ax, label="estimate")
+        plot_trajectory(cell["one_truth"], ax, label="truth", color="black", linestyle="--")
+        method = COMPARED[name]
+        ax.set_title(f"{method.title}, {method.particles} particles: IoU {cell['iou'][0]:.3f}")
+    _save(figure, path)
+
+
+def draw_errors(path: Path, world: str, results: dict[str, Arrays]) -> None:
+    """Figures 5 and 7: pose error over time, mean over seeds and ± one standard deviation."""
+    figure = Figure(figsize=(11, 4.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    position, heading = figure.subplots(1, 2)
+    for name, color in DRAWN.items():
+        cell, method = results[f"{world}-{name}"], COMPARED[name]
+        label = f"{method.title}, {method.particles}"
+        plot_errors(cell["one_times"], cell["position"], ax=position, label=label, color=color)
+        plot_errors(cell["one_times"], cell["heading"], ax=heading, quantity="heading", color=color)
+    for ax in (position, heading):
+        # From millimetres to half a metre: on a linear axis the best would be a line at zero.
+        ax.set_yscale("log")
+    _save(figure, path)
+
+
+def draw_clouds(path: Path, world: str, results: dict[str, Arrays]) -> None:
+    """Figures 5 and 7, second part: the particles after filtering, around the true pose, seed 0."""
+    names = list(DRAWN)
+    count = len(results[f"{world}-{names[0]}"]["one_clouds"])
+    figure = Figure(figsize=(3.4 * count, 3.4 * len(names)), layout="constrained")
+    FigureCanvasAgg(figure)
+    for row, name in zip(figure.subplots(len(names), count, squeeze=False), names, strict=True):
+        cell, method = results[f"{world}-{name}"], COMPARED[name]
+        for ax, cloud, truth in zip(row, cell["one_clouds"], cell["one_cloud_truth"], strict=True):
+            centred = cloud - np.array([truth[0], truth[1], 0.0])
+            plot_particles(centred, ax=ax)
+            ax.plot(0.0, 0.0, "+", color="black", markersize=12, label="truth")
+            half = max(_CLOUD_SIDE / 2, 1.1 * float(np.abs(centred[:, :2]).max()))
+            ax.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
+        row[0].set_ylabel(f"{method.title}, {method.particles}\ny − true y (m)")
+    _save(figure, path)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    figure.savefig(path, dpi=110)

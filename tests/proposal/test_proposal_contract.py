@@ -10,7 +10,7 @@ import pytest
 import jaxslam.proposal
 from jaxslam import se2
 from jaxslam.flags import Flag
-from jaxslam.motion import OdometryMotion
+from jaxslam.motion import GaussianMotion, OdometryMotion
 from jaxslam.optimise import FruitFlies
 from jaxslam.proposal import AbstractProposal, FruitFlyProposal, MatchedProposal, MotionProposal
 from jaxslam.sensor import LikelihoodField, field_of_map
@@ -198,6 +198,17 @@ def test_a_swarm_of_particles_is_no_worse_than_none():
     with_flies, without = (sample_many(p, keys, poses, inputs_of()) for p in (together, alone))
     assert np.all(np.asarray(with_flies.log_likelihood) > np.asarray(without.log_likelihood) - 0.2)
     assert np.abs(np.asarray(se2.wrap(with_flies.pose[:, 2] - without.pose[:, 2]))).max() < 0.35
+
+
+@pytest.mark.parametrize("matching", ["matched", "fruit_fly"])
+def test_a_scan_corrects_odometry_that_claims_to_be_better_than_the_map(matching):
+    """An increment that is 3 cm off and says that it is good to 2 mm, as a biased one may."""
+    inputs = inputs_of()
+    off = dataclasses.replace(inputs.odometry, delta=DELTA + jnp.asarray([0.0, 0.03, 0.0], jnp.float32))
+    inputs = dataclasses.replace(inputs, odometry=off)
+    motion = GaussianMotion(translation_floor=0.002, rotation_floor=0.002)
+    proposed = jitted_sample(PROPOSALS[matching], jax.random.key(9), POSE, inputs, motion, SENSOR)
+    assert np.hypot(*(np.asarray(proposed.pose) - TRUTH)[:2]) < 0.015
 
 
 def test_weights_by_the_density_undo_where_the_draws_lie():

@@ -82,6 +82,8 @@ class Demo:
     """Folder for the results; made if it is not there, overwritten file by file if it is."""
     world: Annotated[str, arg(metavar="NAME")] = "hall_small"
     """Which world: hall_small (18 × 15 m) or hall_large (24 × 23 m)."""
+    duration: float = 200.0
+    """Seconds driven; a tour of either hall takes nearly 200."""
     seed: int = 0
     """Seed of the simulation and of the filter, 0 to 4294967295."""
     method: MethodName = None

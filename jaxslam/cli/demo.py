@@ -19,8 +19,6 @@ from jaxslam.report.folder import occupancy_probability
 from jaxslam.sim import World, make_world, observable, simulate, to_log
 from jaxslam.viz.picture import MapLayer
 
-DURATION = 200.0
-"""Seconds driven, just over one tour of either hall."""
 TOLERANCE = 0.1
 """A wall counts as found within two cells, metres."""
 
@@ -41,7 +39,7 @@ def execute(command: Demo, arguments: list[str]) -> None:
     make_folder(folder)
     # Another key than the filter's, which knows nothing of the simulator's noise.
     key = jax.random.fold_in(jax.random.key(command.seed), 1)
-    simulation = simulate(key, world, waypoints, duration=DURATION)
+    simulation = simulate(key, world, waypoints, duration=command.duration)
     log = to_log(simulation, command.world, in_world_frame=True)
     prepared = prepare(log, configuration)
     result = map_log(prepared, command.seed, gif=folder / "map.gif" if command.gif else None)
@@ -58,7 +56,7 @@ def execute(command: Demo, arguments: list[str]) -> None:
         scans_in=len(log.scans.stamps),
         origin={
             "command": shlex.join(["jaxslam", *arguments]),
-            "log": {"path": f"simulation of {command.world}, {DURATION:g} s", "sha256": None},
+            "log": {"path": f"simulation of {command.world}, {command.duration:g} s", "sha256": None},
             "versions": versions(),
         },
         accuracy={"ate": trajectory_figures(error), "map": figures},

@@ -86,12 +86,12 @@ class FruitFlyProposal(AbstractProposal):
     flies: FruitFlies = FruitFlies()
     search: CorrelativeSearch = CorrelativeSearch()
     prior: PriorTrust = PriorTrust()
-    prior_score: float | Float[Array, ""] = 0.9
+    prior_score: float | Float[Array, ""] = 0.6
     step_translation: float | Float[Array, ""] = 0.03
     step_rotation: float | Float[Array, ""] = 0.02
     reach_translation: float | Float[Array, ""] = 0.5
     reach_rotation: float | Float[Array, ""] = 0.3
-    sigma_hit: float | Float[Array, ""] = 0.07
+    sigma_hit: float | Float[Array, ""] = 0.1
     scan_score: float | Float[Array, ""] = 18.0
     lost_below: float | Float[Array, ""] = 0.5
     min_valid_beams: float | Float[Array, ""] = 5.0

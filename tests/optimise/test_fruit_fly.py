@@ -168,6 +168,14 @@ def test_flies_stay_within_their_own_bounds_though_they_go_to_the_best():
     np.testing.assert_allclose(found.position[0], lower[0], atol=1e-3)
 
 
+def test_a_swarm_of_one_is_a_swarm():
+    start = jnp.asarray([[0.3, 0.3]], jnp.float32)
+    found = FruitFlies(1, 5).maximise_each(
+        lambda x: -jnp.sum(x * x, axis=1), jax.random.key(0), start, jnp.full(2, 0.2), start - 1, start + 1
+    )
+    assert float(found.fitness[0]) > -0.18
+
+
 def test_a_fly_that_sees_nothing_stays_where_it_set_out():
     def torn(positions):
         return jnp.where(jnp.arange(4) == 2, jnp.nan, own_hills(positions))

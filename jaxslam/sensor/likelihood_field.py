@@ -39,7 +39,7 @@ class LikelihoodField(AbstractSensorModel):
     z_rand: float | Float[Array, ""] = 0.05
     z_unseen: float | Float[Array, ""] = 0.5
     unseen_beams: float | Float[Array, ""] = 10.0
-    independent_beams: float | Float[Array, ""] = 5.0
+    independent_beams: float | Float[Array, ""] = 4.0
     max_beams: int = eqx.field(static=True, default=180)
 
     def __check_init__(self):

@@ -100,24 +100,36 @@ def compute(cells: Sequence[Cell], work: Callable[[Cell], Arrays], options: Opti
     raw = options.out / "raw"
     raw.mkdir(parents=True, exist_ok=True)
     missing = [cell for cell in cells if options.fresh or _kept(raw, cell) is None]
-    # Each cell has a process of its own, which gives its memory back: some need gigabytes.
-    context = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(
-        options.workers, mp_context=context, max_tasks_per_child=1
-    ) as pool:
-        running = {pool.submit(work, cell): cell for cell in missing}
+    with concurrent.futures.ThreadPoolExecutor(options.workers) as threads:
+        running = {threads.submit(_apart, work, cell): cell for cell in missing}
         done = concurrent.futures.as_completed(running)
-        for future in tqdm(done, total=len(missing), unit="cell", disable=not sys.stderr.isatty()):
-            cell = running[future]
-            np.savez_compressed(raw / f"{cell.name}.npz", **future.result())
-            settings = {"digest": cell.digest, "settings": dict(cell.settings)}
-            (raw / f"{cell.name}.json").write_text(json.dumps(settings, indent=1, default=str) + "\n")
+        try:
+            for future in tqdm(done, total=len(missing), unit="cell", disable=not sys.stderr.isatty()):
+                _keep(raw, running[future], future.result())
+        except BaseException:
+            # Or hours of cells that nobody reads would be computed before the error is seen.
+            threads.shutdown(wait=False, cancel_futures=True)
+            raise
     results = {}
     for cell in cells:
         kept = _kept(raw, cell)
         assert kept is not None, cell.name
         results[cell.name] = kept
     return results
+
+
+def _apart(work: Callable[[Cell], Arrays], cell: Cell) -> Arrays:
+    # A process of its own, which gives its memory back: some cells need gigabytes.
+    context = multiprocessing.get_context("spawn")
+    with concurrent.futures.ProcessPoolExecutor(1, mp_context=context) as process:
+        return process.submit(work, cell).result()
+
+
+def _keep(folder: Path, cell: Cell, arrays: Arrays) -> None:
+    # The settings last: without them the arrays do not count.
+    np.savez_compressed(folder / f"{cell.name}.npz", **arrays)  # type: ignore[arg-type]
+    settings = {"digest": cell.digest, "settings": dict(cell.settings)}
+    (folder / f"{cell.name}.json").write_text(json.dumps(settings, indent=1, default=str) + "\n")
 
 
 def _kept(folder: Path, cell: Cell) -> Arrays | None:

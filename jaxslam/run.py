@@ -14,7 +14,7 @@ from jaxslam.compiler import compiler_options
 from jaxslam.flags import Flag
 from jaxslam.grid.spec import GridSpec
 from jaxslam.inputs import PreparedInputs
-from jaxslam.io.poses import compose_poses, relative_poses
+from jaxslam.io.poses import poses_along
 from jaxslam.slam.rbpf import RBPF, RBPFState, StepInfo
 from jaxslam.types import StepInputs
 
@@ -49,7 +49,7 @@ class RunResult:
         stamps: `[T]` seconds, processed scans.
         trajectory: `[T, 3]` poses of the best particle at them (m, m, rad).
         all_stamps: `[S]` seconds, every scan.
-        all_poses: `[S, 3]` pose at every scan: the last processed one's, then odometry.
+        all_poses: `[S, 3]` pose at every scan: where none was processed, odometry between those that were.
         log_odds: `[H, W]` map of the best particle, fixed point.
         grid: where that map lies.
         particles: `[N, 3]` final poses.
@@ -238,14 +238,12 @@ def _result(
     snapshot = _snapshot(state, infos)
     together = jax.tree.map(lambda *leaves: np.concatenate(leaves), *infos)
     flags = np.asarray(together.flags)
-    last = np.searchsorted(prepared.scan_index, prepared.all_index, side="right") - 1
     processed = np.searchsorted(prepared.all_index, prepared.scan_index)
-    since = relative_poses(prepared.all_odometry[processed][last], prepared.all_odometry)
     return RunResult(
         stamps=prepared.stamps,
         trajectory=snapshot.trajectory,
         all_stamps=prepared.all_stamps,
-        all_poses=compose_poses(snapshot.trajectory[last], since),
+        all_poses=poses_along(prepared.all_odometry, processed, snapshot.trajectory),
         log_odds=snapshot.log_odds,
         grid=slam.grid,
         particles=snapshot.particles,

@@ -8,10 +8,8 @@ from matplotlib.figure import Figure
 
 from experiments.harness import Arrays
 from experiments.tobacco_line.methods import COMPARED
-from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT
 from jaxslam.viz import plot_errors, plot_map, plot_particles, plot_trajectory
 
-RESOLUTION = 0.05
 TRADITIONAL, IMPROVED = "traditional-30", "improved-15"
 DRAWN = {"traditional-30": "tab:red", "gmapping-30": "tab:orange", "improved-15": "tab:blue"}
 """The methods in the figures, with their colours."""
@@ -25,10 +23,7 @@ def draw_maps(path: Path, world: str, results: dict[str, Arrays]) -> None:
     FigureCanvasAgg(figure)
     for ax, name in zip(figure.subplots(1, 2), (TRADITIONAL, IMPROVED), strict=True):
         cell = results[f"{world}-{name}"]
-        # int8 log-odds; what is drawn is the probability.
-        probability = 1.0 / (1.0 + np.exp(-cell["one_map"].astype(float) * LOG_ODDS_PER_UNIT))
-        probability[cell["one_map"] == 0] = np.nan
-        plot_map(probability, RESOLUTION, cell["one_origin"], ax)
+        plot_map(cell["one_map"], float(cell["one_resolution"]), cell["one_origin"], ax)
         plot_trajectory(cell["one_path"], ax, label="estimate")
         plot_trajectory(cell["one_truth"], ax, label="truth", color="black", linestyle="--")
         method = COMPARED[name]

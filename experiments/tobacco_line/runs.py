@@ -82,6 +82,7 @@ def _run_seed(settings, seed: int) -> Arrays:
         "resamplings": np.asarray(result.resampled.sum()),
         "one_times": times,
         "one_map": result.log_odds,
+        "one_resolution": np.asarray(result.grid.resolution, np.float64),
         "one_origin": np.asarray(result.grid.origin, np.float64),
         "one_path": result.trajectory,
         "one_truth": truth,

@@ -6,7 +6,7 @@ come back lie in [−π, π). Leading axes broadcast.
 """
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int
 
 
 def wrap_angle(angle: Float64[np.ndarray, "*batch"] | float) -> Float64[np.ndarray, "*batch"]:
@@ -98,3 +98,41 @@ def yaw_from_quaternion(
     """
     x, y, z, w = (quaternions[..., axis] for axis in range(4))
     return np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
+
+
+def poses_along(
+    odometry: Float64[np.ndarray, "S 3"], rows: Int[np.ndarray, "T"], poses: Float64[np.ndarray, "T 3"]
+) -> Float64[np.ndarray, "S 3"]:
+    """A pose for every odometry pose from those known at some of them.
+
+    Between two known poses odometry carries the first on and the second back, and the way in between
+    leads over from the one to the other as the robot moves; before the first and after the last there is
+    only one of them. That needs the later pose, so it is for the path of a finished run.
+
+    Args:
+        odometry: `[S, 3]` integrated odometry in its own frame (m, m, rad).
+        rows: `[T]` which of them are known, increasing, T ≥ 1.
+        poses: `[T, 3]` the known ones, world frame.
+
+    Returns:
+        `[S, 3]` poses in the world frame; `poses` at `rows`.
+
+    Example:
+        Odometry at x = 0, 1, 2, known poses x = 0 and 2.2 at its ends: 1.1 in the middle.
+    """
+    steps = relative_poses(odometry[:-1], odometry[1:])
+    # A radian counts like a metre: it is which share of the way was gone that matters, not its length.
+    moved = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]) + np.abs(steps[:, 2]))])
+    row = np.arange(len(odometry))
+    earlier = np.clip(np.searchsorted(rows, row, side="right") - 1, 0, len(rows) - 1)
+    later = np.minimum(earlier + (row > rows[earlier]), len(rows) - 1)
+    onward = compose_poses(poses[earlier], relative_poses(odometry[rows[earlier]], odometry))
+    back = compose_poses(poses[later], relative_poses(odometry[rows[later]], odometry))
+    way = moved[rows[later]] - moved[rows[earlier]]
+    share = np.clip((moved - moved[rows[earlier]]) / np.where(way > 0.0, way, 1.0), 0.0, 1.0)
+    gap = back - onward
+    gap[:, 2] = wrap_angle(gap[:, 2])
+    through = onward + share[:, None] * gap
+    through[:, 2] = wrap_angle(through[:, 2])
+    through[rows] = poses
+    return through

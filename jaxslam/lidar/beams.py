@@ -25,6 +25,20 @@ class ScanPoints(eqx.Module):
     normals: Float[Array, "B 2"]
 
 
+def wall_jacobian(ends: ScanPoints, heading: Float[Array, ""]) -> Float[Array, "3 B"]:
+    """How far each end point moves across its wall for a metre along x, along y, and a radian.
+
+    Zero where no wall is known.
+
+    Args:
+        ends: the scan, base frame.
+        heading: of the base in the world, radians; x and y are the world's.
+    """
+    arms, normals = se2.rotate_all(heading, ends.points), se2.rotate_all(heading, ends.normals)
+    lever = arms[:, 0] * normals[:, 1] - arms[:, 1] * normals[:, 0]
+    return jnp.stack([normals[:, 0], normals[:, 1], lever])
+
+
 def scan_points(scan: LidarScan, max_beams: int | None = None) -> ScanPoints:
     """End points of a scan's beams, and the normals of what they hit, in the base frame.
 

@@ -7,7 +7,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxslam import se2
 from jaxslam.checks import require_at_least_zero
-from jaxslam.lidar.beams import ScanPoints
+from jaxslam.lidar.beams import ScanPoints, wall_jacobian
 from jaxslam.linalg import inverse_symmetric, sums
 from jaxslam.sensor.field import DistanceField, Field
 
@@ -209,9 +209,7 @@ def _covariance(
     ends: ScanPoints, pose: Float[Array, "3"], weights: Float[Array, "B"], variance: Float[Array, ""]
 ) -> Float[Array, "3 3"]:
     """Residual variance times the inverse information of the walls: only across them is a pose known."""
-    arms, normals = se2.rotate_all(pose[2], ends.points), se2.rotate_all(pose[2], ends.normals)
-    lever = arms[:, 0] * normals[:, 1] - arms[:, 1] * normals[:, 0]
-    rows = jnp.stack([normals[:, 0], normals[:, 1], lever])
+    rows = wall_jacobian(ends, pose[2])
     information = (rows * weights[None]) @ rows.T
     # A metre and a radian are as good as nothing known.
     floor = jnp.maximum(variance, 1e-6)

@@ -11,6 +11,7 @@ from jaxslam.flags import Flag
 from jaxslam.lidar.beams import ScanPoints
 from jaxslam.linalg import inverse_symmetric
 from jaxslam.matching.gauss_newton import PosePrior
+from jaxslam.matching.heading import HeadingSearch
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.proposal.base import Proposed
 from jaxslam.sensor.base import AbstractSensorModel
@@ -92,6 +93,21 @@ def settle(
         log_ratio=jnp.where(enough, log_ratio, 0.0),
         flags=(few | lost).astype(jnp.int32),
     )
+
+
+def turned_to_map(
+    search: HeadingSearch,
+    field: Field,
+    ends: ScanPoints,
+    motion: AbstractMotionModel,
+    odometry: OdometryIncrement,
+    pose: Float[Array, "3"],
+    drawn: Float[Array, "3"],
+) -> Float[Array, "3"]:
+    """A draw `[3]` from `pose` `[3]`, turned to where the scan fits best around the odometry's heading."""
+    predicted = se2.compose(pose, odometry.delta)
+    sigma = jnp.sqrt(motion.covariance(odometry)[2, 2])
+    return search.search(field.coarse, ends, drawn[:2], predicted[2], sigma)
 
 
 def share_explained(field: DistanceField, ends: ScanPoints, pose: Float[Array, "3"]) -> Float[Array, ""]:

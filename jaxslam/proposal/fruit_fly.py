@@ -16,7 +16,15 @@ from jaxslam.matching.icp import ICP
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.optimise.fruit_fly import FruitFlies
 from jaxslam.proposal.base import AbstractProposal, Proposed
-from jaxslam.proposal.candidate import Candidate, Judge, PriorTrust, better, settle, share_explained
+from jaxslam.proposal.candidate import (
+    Candidate,
+    Judge,
+    PriorTrust,
+    better,
+    settle,
+    share_explained,
+    turned_to_map,
+)
 from jaxslam.proposal.pose_gaussian import PosesAround
 from jaxslam.sensor.base import AbstractSensorModel
 from jaxslam.sensor.field import DistanceField, Field
@@ -195,9 +203,7 @@ class FruitFlyProposal(AbstractProposal):
         prior = self.prior.about(motion, inputs.odometry, drawn)
         judge = Judge(field, inputs.scan, sensor, prior, self.prior_score)
         ends = scan_points(inputs.scan, self.max_beams)
-        predicted = se2.compose(pose, inputs.odometry.delta)
-        sigma = jnp.sqrt(motion.covariance(inputs.odometry)[2, 2])
-        turned = self.heading.search(field.coarse, ends, drawn[:2], predicted[2], sigma)
+        turned = turned_to_map(self.heading, field, ends, motion, inputs.odometry, pose, drawn)
         start, aligned = judge.pair(drawn, self._icp(field, ends, turned))
         best = better(start, aligned)
         enough = jnp.sum(ends.valid, dtype=jnp.float32) >= self.min_valid_beams

@@ -5,7 +5,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jaxslam import se2
 from jaxslam.branch import run_if
 from jaxslam.checks import require_at_least_zero
 from jaxslam.lidar.beams import scan_points
@@ -14,7 +13,15 @@ from jaxslam.matching.gauss_newton import GaussNewton
 from jaxslam.matching.heading import HeadingSearch
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.proposal.base import AbstractProposal, Proposed
-from jaxslam.proposal.candidate import Candidate, Judge, PriorTrust, better, settle, share_explained
+from jaxslam.proposal.candidate import (
+    Candidate,
+    Judge,
+    PriorTrust,
+    better,
+    settle,
+    share_explained,
+    turned_to_map,
+)
 from jaxslam.sensor.base import AbstractSensorModel
 from jaxslam.sensor.field import Field
 from jaxslam.types import StepInputs
@@ -76,9 +83,7 @@ class MatchedProposal(AbstractProposal):
         def refine(start: Float[Array, "3"]) -> Float[Array, "3"]:
             return self.fine.match(field.fine, ends, start, prior)
 
-        predicted = se2.compose(pose, inputs.odometry.delta)
-        sigma = jnp.sqrt(motion.covariance(inputs.odometry)[2, 2])
-        turned = self.heading.search(field.coarse, ends, drawn[:2], predicted[2], sigma)
+        turned = turned_to_map(self.heading, field, ends, motion, inputs.odometry, pose, drawn)
         start, refined = judge.pair(drawn, refine(turned))
         matched = better(start, refined)
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxslam import se2
 from jaxslam.checks import require_at_least_zero
-from jaxslam.lidar.beams import ScanPoints
+from jaxslam.lidar.beams import ScanPoints, wall_jacobian
 from jaxslam.linalg import cholesky, inverse_symmetric
 
 _LOG_TWO_PI = 1.8378770664093453
@@ -106,9 +106,7 @@ class PosesAround(eqx.Module):
         mean = jnp.sum(weights[:, None] * poses, axis=0)
         offsets = poses - mean[None]
         covariance = (offsets * weights[:, None]).T @ offsets
-        least = jnp.stack(
-            [jnp.asarray(s, jnp.float32) for s in (self.least_translation,) * 2 + (self.least_rotation,)]
-        )
+        least = jnp.asarray([self.least_translation, self.least_translation, self.least_rotation])
         return PoseGaussian(
             mean=jnp.append(mean[:2], se2.wrap(mean[2])),
             factor=cholesky(covariance + jnp.diag(least * least), least * least),
@@ -117,13 +115,9 @@ class PosesAround(eqx.Module):
 
     def _shape(self, ends: ScanPoints, mode: Float[Array, "3"]) -> Float[Array, "3 3"]:
         """Factor of the inverse information of the walls seen, `spread` across them."""
-        arms, normals = se2.rotate_all(mode[2], ends.points), se2.rotate_all(mode[2], ends.normals)
-        lever = arms[:, 0] * normals[:, 1] - arms[:, 1] * normals[:, 0]
-        rows = jnp.stack([normals[:, 0], normals[:, 1], lever]) * ends.valid.astype(jnp.float32)[None]
+        rows = wall_jacobian(ends, mode[2]) * ends.valid.astype(jnp.float32)[None]
         count = jnp.maximum(jnp.sum(ends.valid, dtype=jnp.float32), 1.0)
-        reach = jnp.stack(
-            [jnp.asarray(r, jnp.float32) for r in (self.reach_translation,) * 2 + (self.reach_rotation,)]
-        )
+        reach = jnp.asarray([self.reach_translation, self.reach_translation, self.reach_rotation])
         information = rows @ rows.T / (count * self.spread**2) + jnp.diag(1.0 / (reach * reach))
         return cholesky(inverse_symmetric(information), jnp.full(3, 1e-12, jnp.float32))
 

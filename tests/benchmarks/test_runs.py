@@ -15,7 +15,11 @@ _COMMAND = (sys.executable, "-c", "import sys; from jaxslam.cli import main; sys
 
 
 def run_seeds(benchmark, folder, name, num_particles, arguments):
-    """Times whole processes; compilation and steady time are what each of them reports of itself."""
+    """Times whole processes; compilation and steady time are what each of them reports of itself.
+
+    Returns:
+        The metrics of every run.
+    """
     reported = []
 
     def run():
@@ -41,15 +45,20 @@ def run_seeds(benchmark, folder, name, num_particles, arguments):
     benchmark.extra_info["us_per_scan_and_particle"] = (
         1e3 * benchmark.extra_info["ms_per_scan"] / num_particles
     )
+    return reported
 
 
 @pytest.mark.parametrize("num_particles", [15, 30, 100, 400])
 def test_simulated_hall(benchmark, tmp_path, num_particles):
-    run_seeds(benchmark, tmp_path, "demo", num_particles, ["demo"])
+    reported = run_seeds(benchmark, tmp_path, "demo", num_particles, ["demo"])
+    # What was timed mapped the hall.
+    assert max(metrics["ate"]["rmse_m"] for metrics in reported) < 0.1
 
 
 @pytest.mark.parametrize("num_particles", [15, 30, 100])
 def test_intel(benchmark, tmp_path, data_dir, num_particles):
     log, relations = data_dir / "carmen" / "intel.clf.gz", data_dir / "carmen" / "intel.relations"
     arguments = ["run", str(log), "--relations", str(relations)]
-    run_seeds(benchmark, tmp_path, "intel", num_particles, arguments)
+    reported = run_seeds(benchmark, tmp_path, "intel", num_particles, arguments)
+    assert max(metrics["relations"]["trans_mean_m"] for metrics in reported) < 0.1
+    assert {metrics["relations"]["n"] for metrics in reported} == {2984}

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from jaxslam.io.poses import (
     compose_poses,
     interpolate_poses,
+    poses_along,
     invert_poses,
     net_rotation,
     path_length,
@@ -139,3 +140,43 @@ def test_importing_the_package_needs_no_optional_dependency():
         "assert not found, found"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_poses_along_lead_from_one_known_pose_to_the_next():
+    odometry = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    result = poses_along(odometry, np.array([0, 2]), np.array([[5.0, 0.0, 0.0], [7.2, 0.4, 0.0]]))
+    np.testing.assert_allclose(result, [[5.0, 0.0, 0.0], [6.1, 0.2, 0.0], [7.2, 0.4, 0.0]], atol=1e-12)
+
+
+def test_poses_along_weigh_by_the_way_and_not_by_the_count():
+    # Three looks while the robot stands, then a metre: standing moves nothing.
+    odometry = np.array([[0.0, 0.0, 0.0]] * 3 + [[1.0, 0.0, 0.0]])
+    result = poses_along(odometry, np.array([0, 3]), np.array([[0.0, 0.0, 0.0], [1.3, 0.0, 0.0]]))
+    np.testing.assert_allclose(result[:, 0], [0.0, 0.0, 0.0, 1.3], atol=1e-12)
+
+
+def test_poses_along_follow_odometry_where_it_was_right():
+    rng = np.random.default_rng(0)
+    odometry = np.cumsum(rng.normal(size=(40, 3)) * [0.1, 0.1, 0.5], axis=0)
+    odometry[:, 2] = wrap_angle(odometry[:, 2])
+    start = np.array([3.0, -2.0, 3.1])
+    truth = compose_poses(start, relative_poses(odometry[0], odometry))
+    rows = np.array([4, 5, 17, 30])
+    result = poses_along(odometry, rows, truth[rows])
+    # Rows before the first and after the last known one included, and headings across ±π.
+    np.testing.assert_allclose(result[:, :2], truth[:, :2], atol=1e-9)
+    np.testing.assert_allclose(wrap_angle(result[:, 2] - truth[:, 2]), 0.0, atol=1e-9)
+
+
+def test_poses_along_average_headings_across_pi():
+    odometry = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    known = np.array([[0.0, 0.0, np.pi - 0.1], [-2.0, 0.0, -np.pi + 0.1]])
+    middle = poses_along(odometry, np.array([0, 2]), known)[1]
+    np.testing.assert_allclose(np.abs(middle[2]), np.pi, atol=1e-9)
+    np.testing.assert_allclose(middle[0], -1.0, atol=0.02)
+
+
+def test_poses_along_one_known_pose_only():
+    odometry = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.5]])
+    result = poses_along(odometry, np.array([1]), np.array([[4.0, 0.0, 0.5]]))
+    np.testing.assert_allclose(result, [[3.0, 0.0, 0.0], [4.0, 0.0, 0.5]], atol=1e-12)

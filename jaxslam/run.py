@@ -1,7 +1,5 @@
-"""Running a filter over a log: jitted steps in chunks, progress between them, flags turned into errors."""
+"""Running a filter over a log, and what it leaves; flags turned into errors and warnings."""
 
-import functools
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,16 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Float32, Float64, Int, Int8, PRNGKeyArray
 
-from jaxslam.compiler import compiler_options
+from jaxslam.chunks import Advanced, advance
 from jaxslam.flags import Flag
 from jaxslam.grid.spec import GridSpec
 from jaxslam.inputs import PreparedInputs
 from jaxslam.io.poses import poses_along
 from jaxslam.slam.rbpf import RBPF, RBPFState, StepInfo
 from jaxslam.types import StepInputs
-
-CHUNK = 64
-"""Scans between two looks of the host: often enough for a progress bar, rarely enough to cost nothing."""
 
 
 class SlamError(ValueError):
@@ -97,7 +92,7 @@ def run(
 ) -> tuple[RBPFState, StepInfo]:
     """The whole log as one `lax.scan`: jit it, vmap it over keys or over the floats of `slam`.
 
-    On the CPU, `jax.jit(run, compiler_options=compiler_options())` is the faster by a quarter.
+    On the CPU it is the faster by a quarter if `compiler_options` of `jaxslam.compiler` are given to `jit`.
 
     Args:
         slam: the filter.
@@ -130,80 +125,37 @@ def run_log(
         key: PRNG key; same key, same bytes.
         prepared: from `prepare_inputs`.
         progress: show a progress bar on stderr (needs tqdm).
-        on_chunk: called with the state of affairs every `CHUNK` scans.
+        on_chunk: called with the state of affairs every `jaxslam.chunks.CHUNK` scans.
 
     Raises:
         SlamError: if the robot leaves the map.
     """
-    total = len(prepared.stamps)
-    inputs, infos = _padded(prepared.inputs, total), []
     pose0 = jnp.asarray(prepared.pose0, jnp.float32)
-    state = jax.jit(RBPF.init)(slam, key, pose0)
-    advance = _program()
-    started = time.perf_counter()
-    # No step at all: what takes time is compiling, unless a run of the same sizes has been before.
-    state, _ = jax.block_until_ready(advance(slam, key, state, inputs, 0, 0))
-    compile_s = time.perf_counter() - started
-    run_s, bar = 0.0, _progress_bar(total) if progress else None
-    for first in range(0, total, CHUNK):
-        count = min(CHUNK, total - first)
-        started = time.perf_counter()
-        state, chunk = jax.block_until_ready(advance(slam, key, state, inputs, first, count))
-        run_s += time.perf_counter() - started
-        infos.append(jax.tree.map(lambda leaf, count=count: np.asarray(leaf)[:count], chunk))
-        _raise_for_flags(infos[-1], first, prepared)
-        if bar is not None:
-            bar.set_postfix(ess=f"{infos[-1].ess.mean():.1f}", ms=f"{1e3 * run_s / (first + count):.2f}")
-            bar.update(count)
+
+    def look(state: RBPFState, infos: list[StepInfo]) -> None:
+        _raise_for_flags(infos, prepared)
         if on_chunk is not None:
             on_chunk(_snapshot(state, infos))
-    if bar is not None:
-        bar.close()
-    return _result(slam, state, infos, prepared, compile_s, run_s)
+
+    advanced = advance(
+        slam,
+        key,
+        jax.jit(RBPF.init)(slam, key, pose0),
+        prepared.inputs,
+        tuned=True,
+        progress="mapping" if progress else None,
+        look=look,
+    )
+    return _result(slam, advanced, prepared)
 
 
-@functools.cache
-def _program() -> Callable:
-    """`_advance`, compiled as the device wants it: one per process, so that equal sizes share a program."""
-    return jax.jit(_advance, donate_argnums=(2,), compiler_options=compiler_options())
-
-
-def _advance(
-    slam: RBPF,
-    key: PRNGKeyArray,
-    state: RBPFState,
-    inputs: StepInputs,
-    first: Int[Array, ""] | int,
-    count: Int[Array, ""] | int,
-) -> tuple[RBPFState, StepInfo]:
-    """`count` ≤ CHUNK steps from `first`.
-
-    The length is traced, so the last chunk needs no second compilation.
-    """
-
-    def at(index: Int[Array, ""]) -> StepInputs:
-        return jax.tree.map(lambda leaf: leaf[index], inputs)
-
-    def step(index: Int[Array, ""], carry: tuple[RBPFState, StepInfo]) -> tuple[RBPFState, StepInfo]:
-        state, infos = carry
-        state, info = slam.step(jax.random.fold_in(key, state.num_steps), state, at(first + index))
-        return state, jax.tree.map(lambda rows, row: rows.at[index].set(row), infos, info)
-
-    return jax.lax.fori_loop(0, count, step, (state, slam.blank_infos(CHUNK)))
-
-
-def _padded(inputs: StepInputs, total: int) -> StepInputs:
-    """Inputs lengthened to a power of two, so that logs of similar length share one compilation."""
-    size = 1 << max(total - 1, 1).bit_length()
-    return jax.tree.map(lambda leaf: jnp.pad(leaf, [(0, size - total)] + [(0, 0)] * (leaf.ndim - 1)), inputs)
-
-
-def _raise_for_flags(infos: StepInfo, first: int, prepared: PreparedInputs) -> None:
-    off_map = np.flatnonzero(infos.flags & Flag.OFF_MAP.value)
+def _raise_for_flags(infos: list[StepInfo], prepared: PreparedInputs) -> None:
+    off_map = np.flatnonzero(infos[-1].flags & Flag.OFF_MAP.value)
     if off_map.size:
-        stamp = prepared.stamps[first + off_map[0]]
+        step = sum(len(info.flags) for info in infos[:-1]) + off_map[0]
+        stamp = prepared.stamps[step]
         raise SlamError(
-            f"the robot reached the edge of the map at scan {prepared.scan_index[first + off_map[0]]} "
+            f"the robot reached the edge of the map at scan {prepared.scan_index[step]} "
             f"(t = {stamp:.3f} s): enlarge it with --map-margin (metres around the odometry's path)"
         )
 
@@ -227,17 +179,9 @@ def _read_back(infos: list[StepInfo], best: int) -> Float64[np.ndarray, "t 3"]:
     return path
 
 
-def _result(
-    slam: RBPF,
-    state: RBPFState,
-    infos: list[StepInfo],
-    prepared: PreparedInputs,
-    compile_s: float,
-    run_s: float,
-) -> RunResult:
-    snapshot = _snapshot(state, infos)
-    together = jax.tree.map(lambda *leaves: np.concatenate(leaves), *infos)
-    flags = np.asarray(together.flags)
+def _result(slam: RBPF, advanced: Advanced, prepared: PreparedInputs) -> RunResult:
+    state, infos = advanced.state, advanced.infos
+    snapshot = _snapshot(state, [infos])
     processed = np.searchsorted(prepared.all_index, prepared.scan_index)
     return RunResult(
         stamps=prepared.stamps,
@@ -248,11 +192,11 @@ def _result(
         grid=slam.grid,
         particles=snapshot.particles,
         log_weights=np.asarray(state.log_weights),
-        infos=together,
-        compile_s=compile_s,
-        run_s=run_s,
-        ms_per_scan=1e3 * run_s / len(flags),
-        warnings=_warnings(flags),
+        infos=infos,
+        compile_s=advanced.compile_s,
+        run_s=advanced.run_s,
+        ms_per_scan=1e3 * advanced.run_s / len(infos.flags),
+        warnings=_warnings(infos.flags),
     )
 
 
@@ -266,9 +210,3 @@ def _warnings(flags: Int[np.ndarray, "T"]) -> tuple[str, ...]:
     return tuple(
         f"{counts[flag]} of {len(flags)} steps: {messages[flag]}" for flag in messages if counts[flag]
     )
-
-
-def _progress_bar(total: int):
-    from tqdm import tqdm
-
-    return tqdm(total=total, unit="scan", desc="mapping", dynamic_ncols=True)

@@ -6,11 +6,13 @@ import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
+from equinox import Module
+
 from jaxslam.configuration import Configuration
-from jaxslam.settings import KIND, Scalar, descriptions, flatten, update
+from jaxslam.settings import KIND, Scalar, Tree, descriptions, flatten, update
 
 
-def dumps(configuration: Configuration, *, without: str | None = None) -> str:
+def dumps(configuration: Module, *, without: str | None = None) -> str:
     """Every setting as TOML text, each under a comment with its meaning and unit.
 
     Args:
@@ -34,7 +36,7 @@ def dumps(configuration: Configuration, *, without: str | None = None) -> str:
     return "\n".join(lines) + "\n"
 
 
-def save(path: str | Path, configuration: Configuration) -> None:
+def save(path: str | Path, configuration: Module) -> None:
     """Writes a configuration; `load` gives the same one back.
 
     Raises:
@@ -71,7 +73,7 @@ def load(path: str | Path, base: Configuration | None = None) -> Configuration:
     return apply(path, read_settings(path), Configuration() if base is None else base)
 
 
-def apply(path: str | Path, values: Mapping[str, object], base: Configuration) -> Configuration:
+def apply(path: str | Path, values: Mapping[str, object], base: Tree) -> Tree:
     """`base` with the values that were read from a file; the file's name leads every complaint."""
     try:
         return update(base, values, exact=True)

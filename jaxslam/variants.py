@@ -2,7 +2,14 @@
 
 import equinox as eqx
 
-from jaxslam.motion import AbstractMotionModel, GaussianMotion, OdometryMotion, VelocityMotion
+from jaxslam.localization.scan_model import AbstractScanModel, BeamModel, FieldModel
+from jaxslam.motion import (
+    AbstractMotionModel,
+    GaussianMotion,
+    OdometryMotion,
+    OmnidirectionalMotion,
+    VelocityMotion,
+)
 from jaxslam.proposal.base import AbstractProposal
 from jaxslam.proposal.fruit_fly import FruitFlyProposal
 from jaxslam.proposal.matched import MatchedProposal
@@ -21,10 +28,15 @@ VARIANTS: dict[type[eqx.Module], dict[str, type[eqx.Module]]] = {
     AbstractMotionModel: {
         "odometry": OdometryMotion,
         "velocity": VelocityMotion,
+        "omnidirectional": OmnidirectionalMotion,
         "gaussian": GaussianMotion,
     },
     AbstractSensorModel: {
         "likelihood_field": LikelihoodField,
+    },
+    AbstractScanModel: {
+        "field": FieldModel,
+        "beam": BeamModel,
     },
     AbstractProposal: {
         "motion": MotionProposal,

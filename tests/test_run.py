@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxslam.chunks import CHUNK
 from jaxslam.compiler import compiler_options
 from jaxslam.flags import Flag
 from jaxslam.grid import GridSpec, OccupancyModel
@@ -16,7 +17,7 @@ from jaxslam.matching import CorrelativeSearch
 from jaxslam.motion import OdometryMotion
 from jaxslam.proposal import MatchedProposal
 from jaxslam.resampling import AdaptiveResampling, SystematicResampler
-from jaxslam.run import CHUNK, RunResult, SlamError, Snapshot, run, run_log
+from jaxslam.run import RunResult, SlamError, Snapshot, run, run_log
 from jaxslam.sensor import LikelihoodField
 from jaxslam.sim import Lidar, hall_small, simulate, to_log
 from jaxslam.slam import RBPF, trajectory

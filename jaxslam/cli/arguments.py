@@ -97,6 +97,43 @@ class Demo:
 
 
 @dataclass(frozen=True)
+class Localize:
+    """Find and follow the robot of a log on a map that is known, by adaptive Monte-Carlo localisation."""
+
+    log: LogPath
+    """The log file, or the folder of a ROS 2 bag."""
+    map: Annotated[Path, arg(metavar="MAP.yaml")]
+    """Map as map_server and nav2 keep it: a yaml file with an image beside it."""
+    start: Annotated[str | None, arg(metavar="X,Y,THETA", help_behavior_hint="(default: none)")] = None
+    """Where the robot is at first, in the map's frame: metres, metres, radians. How well that is known is
+    start.deviation (0.5 m) and start.rotation_deviation (0.26 rad)."""
+    global_: Annotated[Switch, arg(name="global")] = False
+    """Not known: look for it in all free space."""
+    seed: int = 0
+    """Seed of all random numbers, 0 to 4294967295: the same seed gives the same bytes."""
+    particles: Annotated[str | None, arg(metavar="N", help_behavior_hint="(default: 100000)")] = None
+    """Largest number of particles: a global start has so many, and as few live as are needed."""
+    reference: File = None
+    """Reference trajectory in the map's frame (TUM format, seconds and metres), to measure the error with."""
+    config: File = None
+    """Configuration in TOML, as a localisation writes it; it may name a few settings only."""
+    set: Assignments = ()
+    """Settings by name, such as scan_model.sigma_hit=0.1, any number of them; they come last."""
+    lidar: LidarName = None
+    """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01 or lds-02."""
+    scan_topic: Topic = None
+    """Of a bag: topic of the laser scans."""
+    odom_topic: Topic = None
+    """Of a bag: topic of the wheel odometry."""
+    gif: Switch = False
+    """Also write cloud.gif, the particles on the map."""
+    out: Annotated[
+        Path | None, arg(metavar="DIR", help_behavior_hint="(default: runs/<log>-amcl-s<seed>)")
+    ] = None
+    """Folder for the results; made if it is not there, overwritten file by file if it is."""
+
+
+@dataclass(frozen=True)
 class Info:
     """Say what is in a log: counts, rates, beams, ranges, path, gaps."""
 
@@ -160,6 +197,7 @@ class Fuse:
 Command = (
     Annotated[Run, subcommand("run")]
     | Annotated[Demo, subcommand("demo")]
+    | Annotated[Localize, subcommand("localize")]
     | Annotated[Info, subcommand("info")]
     | Annotated[Config, subcommand("config")]
     | Annotated[Fuse, subcommand("fuse")]

@@ -10,6 +10,7 @@ from jaxslam.presets import PRESETS
 def execute(command: Config, arguments: list[str]) -> None:
     """Prints the effective configuration as TOML."""
     configuration = effective_configuration(
+        Configuration(),
         config=command.config,
         lidar=command.lidar,
         method=command.method,

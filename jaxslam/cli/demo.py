@@ -10,6 +10,7 @@ from jaxtyping import Float64, Int8
 from jaxslam.cli.arguments import Demo
 from jaxslam.cli.effective import effective_configuration
 from jaxslam.cli.mapping import check_seed, map_log, print_summary
+from jaxslam.configuration import Configuration
 from jaxslam.grid.spec import GridSpec
 from jaxslam.metrics import BinaryMap, map_score
 from jaxslam.preparation import prepare
@@ -28,6 +29,7 @@ def execute(command: Demo, arguments: list[str]) -> None:
     check_seed(command.seed)
     world, waypoints = make_world(command.world)
     configuration = effective_configuration(
+        Configuration(),
         config=None,
         lidar="sick",
         method=command.method,

@@ -2,41 +2,47 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from jaxslam import toml
 from jaxslam.configuration import Configuration
+from jaxslam.localization_configuration import LocalizationConfiguration
 from jaxslam.presets import LidarPreset, lidar_preset
 from jaxslam.settings import parse_assignment, parse_scalar, update
 
+Whole = TypeVar("Whole", Configuration, LocalizationConfiguration)
+
 
 def effective_configuration(
+    defaults: Whole,
     *,
     config: Path | None,
     lidar: str | None,
-    method: str | None,
     flags: Mapping[str, str | None],
     assignments: Sequence[str],
     detect: Callable[[], LidarPreset],
-) -> Configuration:
+    method: str | None = None,
+) -> Whole:
     """The configuration that a command line asks for; what comes later wins.
 
     Defaults, the lidar that `detect` finds (unless `lidar` or the file names one), the file, `lidar`,
     `method`, the flags, the assignments.
 
     Args:
+        defaults: of a filter or of a localisation.
         config: TOML file, or None.
         lidar: name of a preset, or None.
-        method: of `METHODS`, or None.
         flags: setting by flag, as text; None where the flag was not given.
         assignments: `name=value` each.
         detect: looks at the log; called only if its answer is used.
+        method: of `METHODS`, or None; a localisation has none.
 
     Raises:
         ValueError: an unknown name or a wrong value, one line.
         OSError: the file cannot be read.
     """
     preset = lidar_preset(lidar) if lidar is not None else None
-    configuration = Configuration()
+    configuration = defaults
     values = toml.read_settings(config) if config is not None else {}
     if preset is None and not any(name.startswith("lidar.") for name in values):
         configuration = configuration.with_lidar(detect())
@@ -44,7 +50,7 @@ def effective_configuration(
         configuration = toml.apply(config, values, configuration)
     if preset is not None:
         configuration = configuration.with_lidar(preset)
-    if method is not None:
+    if method is not None and isinstance(configuration, Configuration):
         configuration = configuration.with_method(method)
     given = {name: parse_scalar(text) for name, text in flags.items() if text is not None}
     configuration = update(configuration, given, exact=True)

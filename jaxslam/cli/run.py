@@ -6,6 +6,7 @@ import shlex
 from jaxslam.cli.arguments import Run
 from jaxslam.cli.effective import effective_configuration
 from jaxslam.cli.mapping import check_seed, map_log, print_summary, warn, warn_if_assumed
+from jaxslam.configuration import Configuration
 from jaxslam.io import SensorLog, read_log, read_relations, read_tum
 from jaxslam.preparation import prepare
 from jaxslam.presets import detect_lidar
@@ -30,6 +31,7 @@ def execute(command: Run, arguments: list[str]) -> None:
     check_seed(command.seed)
     log = _read(command)
     configuration = effective_configuration(
+        Configuration(),
         config=command.config,
         lidar=command.lidar,
         method=command.method,

@@ -1,7 +1,8 @@
 """Truncated distance transform of an occupancy window, in integers."""
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int8, UInt8
+from jaxtyping import Array, Bool, Float, Int, Int8, UInt8
 
 from jaxslam.once import computed_once
 
@@ -74,3 +75,35 @@ def _lower_envelope(values: UInt8[Array, "n"], size: int, radius: int, stride: i
         nearer = jnp.minimum(shifted(-cells), shifted(cells))
         result = jnp.minimum(result, nearer + jnp.uint8(cells * cells))
     return jnp.minimum(result, jnp.uint8(radius * radius + 1))
+
+
+def distance_to_nearest(occupied: Bool[Array, "H W"], reach: Int[Array, ""] | int) -> Float[Array, "H W"]:
+    """Euclidean distance in cells to the nearest occupied cell of a whole map, at most `reach`.
+
+    Along the rows first, exactly, then over the rows within reach: cheap enough to be done once per map,
+    and with no bound on the distance but the caller's.
+
+    Args:
+        occupied: `[H, W]`.
+        reach: cells; traced.
+
+    Example:
+        One occupied cell and `reach=5`: 0 there, 1 beside it, 1.414 across the corner, 5 far away.
+    """
+    height, width = occupied.shape
+    far = jnp.float32(height + width)
+    column = jnp.broadcast_to(jnp.arange(width, dtype=jnp.float32)[None], (height, width))
+    before = jax.lax.cummax(jnp.where(occupied, column, -far), axis=1)
+    behind = jax.lax.cummin(jnp.where(occupied, column, 2.0 * far), axis=1, reverse=True)
+    along = jnp.minimum(jnp.minimum(column - before, behind - column), far)
+    squared = along * along
+
+    def lower(rows: Int[Array, ""], nearest: Float[Array, "H W"]) -> Float[Array, "H W"]:
+        away = rows.astype(jnp.float32)
+        row = jnp.arange(height)[:, None]
+        below = jnp.where(row >= rows, jnp.roll(squared, rows, axis=0), far * far)
+        above = jnp.where(row < height - rows, jnp.roll(squared, -rows, axis=0), far * far)
+        return jnp.minimum(nearest, jnp.minimum(below, above) + away * away)
+
+    nearest = jax.lax.fori_loop(1, jnp.minimum(reach, height - 1) + 1, lower, squared)
+    return jnp.minimum(jnp.sqrt(nearest), jnp.asarray(reach, jnp.float32))

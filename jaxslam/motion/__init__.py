@@ -3,6 +3,13 @@
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.motion.gaussian import GaussianMotion
 from jaxslam.motion.odometry import OdometryMotion
+from jaxslam.motion.omnidirectional import OmnidirectionalMotion
 from jaxslam.motion.velocity import VelocityMotion
 
-__all__ = ["AbstractMotionModel", "GaussianMotion", "OdometryMotion", "VelocityMotion"]
+__all__ = [
+    "AbstractMotionModel",
+    "GaussianMotion",
+    "OdometryMotion",
+    "OmnidirectionalMotion",
+    "VelocityMotion",
+]

@@ -9,6 +9,7 @@ from jaxslam.io.log import OdometryTrack
 from jaxslam.io.poses import compose_poses, interpolate_poses, relative_poses
 from jaxslam.io.relations import Relations
 from jaxslam.metrics import TrajectoryError, absolute_trajectory_error, relation_errors
+from jaxslam.metrics.trajectory import Alignment
 
 _RELATION_KEYS = ("n", "trans_mean_m", "trans_std_m", "trans_max_m", "rot_mean_deg", "rot_std_deg")
 _TRAJECTORY_KEYS = ("rmse_m", "max_m", "rot_rmse_deg", "n")
@@ -41,6 +42,8 @@ def reference_error(
     stamps: Float64[np.ndarray, "S"],
     poses: Float64[np.ndarray, "S 3"],
     odometry: OdometryTrack,
+    *,
+    align: Alignment = "se2",
 ) -> TrajectoryError:
     """Absolute trajectory error, every reference pose compared at its own time.
 
@@ -48,10 +51,11 @@ def reference_error(
 
     Args:
         reference_stamps: `[R]` seconds, not decreasing, on the log's clock.
-        reference: `[R, 3]` poses (m, m, rad), in any frame: the estimate is aligned in SE(2).
+        reference: `[R, 3]` poses (m, m, rad); unless `align` is False in any frame.
         stamps: `[S]` seconds, times of the estimate.
         poses: `[S, 3]` the estimate.
         odometry: carries the estimate on between its stamps.
+        align: how the estimate is brought to the reference first, as in `absolute_trajectory_error`.
 
     Raises:
         ValueError: fewer than two reference poses lie within the trajectory, or stamps run backwards.
@@ -68,7 +72,7 @@ def reference_error(
         )
     times = reference_stamps[within]
     estimate = poses_at(times, stamps, poses, odometry)
-    return absolute_trajectory_error(times, reference[within], times, estimate)
+    return absolute_trajectory_error(times, reference[within], times, estimate, align=align)
 
 
 def trajectory_figures(error: TrajectoryError) -> dict[str, float]:

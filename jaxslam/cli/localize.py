@@ -1,0 +1,145 @@
+"""`jaxslam localize LOG --map MAP.yaml`."""
+
+import shlex
+import sys
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from jaxslam.cli.arguments import Localize
+from jaxslam.cli.effective import effective_configuration
+from jaxslam.cli.mapping import check_seed, warn
+from jaxslam.configuration import correct_scans
+from jaxslam.inputs import prepare_inputs
+from jaxslam.io import SensorLog, read_log, read_map, read_tum
+from jaxslam.localization import AMCL
+from jaxslam.localization_configuration import LocalizationConfiguration, build_localizer
+from jaxslam.localize import Cloud, LocalizationResult, localize_log, start_at
+from jaxslam.metrics import TrajectoryError
+from jaxslam.presets import detect_lidar
+from jaxslam.report import default_folder, file_sha256, make_folder, reference_error, versions
+from jaxslam.report.localization import animate_clouds, write_localization
+
+
+def execute(command: Localize, arguments: list[str]) -> None:
+    """Localises a log in a map and writes its run folder."""
+    check_seed(command.seed)
+    start = _start(command)
+    occupancy = read_map(command.map)
+    log = read_log(command.log, scan_topic=command.scan_topic, odometry_topic=command.odom_topic)
+    warn(log.warnings)
+    configuration = effective_configuration(
+        LocalizationConfiguration(),
+        config=command.config,
+        lidar=command.lidar,
+        flags={"max_particles": command.particles},
+        assignments=command.set,
+        detect=lambda: detect_lidar(log),
+    )
+    try:
+        amcl = build_localizer(configuration, occupancy)
+    except ValueError as error:
+        raise ValueError(f"{command.map}: {error}") from None
+    corrected, _ = correct_scans(log, configuration.lidar)
+    prepared = prepare_inputs(corrected, configuration.thinning)
+    reference = read_tum(command.reference) if command.reference is not None else None
+    key = jax.random.key(command.seed)
+    # Not one of those of the steps, which count from 0.
+    key_start = jax.random.fold_in(key, 2**32 - 1)
+    if start is None:
+        state = jax.jit(AMCL.init_global)(amcl, key_start)
+    else:
+        deviations = configuration.start.deviation, configuration.start.rotation_deviation
+        state = start_at(amcl, key_start, start, deviations)
+
+    folder = command.out or default_folder(command.log, "amcl", command.seed)
+    make_folder(folder)
+    clouds: list[Cloud] = []
+    result = localize_log(
+        amcl,
+        key,
+        state,
+        prepared,
+        progress=sys.stderr.isatty(),
+        on_chunk=clouds.append if command.gif else None,
+    )
+    warn(result.warnings)
+    measured = None if reference is None else _error(result, reference, log)
+    if command.gif:
+        animate_clouds(folder / "cloud.gif", occupancy, clouds)
+    metrics = write_localization(
+        folder,
+        result,
+        configuration,
+        occupancy,
+        prepared,
+        seed=command.seed,
+        origin={
+            "command": shlex.join(["jaxslam", *arguments]),
+            "log": {"path": str(command.log.resolve()), "sha256": file_sha256(command.log)},
+            "map": {"path": str(command.map.resolve()), "sha256": file_sha256(command.map)},
+            "start": "global" if start is None else list(start),
+            "versions": versions(),
+        },
+        error=measured,
+    )
+    _print_summary(folder, result, metrics)
+
+
+def _error(result: LocalizationResult, reference: tuple, log: SensorLog) -> TrajectoryError | None:
+    """In the map's own frame, from the first agreement on: before it there is no estimate."""
+    assert log.odometry is not None  # `prepare_inputs` has looked
+    if not result.agreed.any():
+        return None
+    since = result.all_stamps >= result.stamps[np.argmax(result.agreed)]
+    stamps, poses = reference
+    return reference_error(
+        stamps, poses, result.all_stamps[since], result.all_poses[since], log.odometry, align=False
+    )
+
+
+def _start(command: Localize) -> tuple[float, float, float] | None:
+    if (command.start is None) == (not command.global_):
+        raise ValueError("give either --start X,Y,THETA (metres, metres, radians) or --global")
+    if command.start is None:
+        return None
+    parts = command.start.split(",")
+    try:
+        pose = tuple(float(part) for part in parts)
+    except ValueError:
+        pose = ()
+    if len(pose) != 3 or not np.isfinite(pose).all():
+        raise ValueError(f"--start is {command.start!r}: give X,Y,THETA in metres, metres and radians")
+    x, y, theta = pose
+    return x, y, theta
+
+
+def _print_summary(folder: Path, result: LocalizationResult, metrics: dict) -> None:
+    x, y, theta = result.estimates[-1]
+    deviation = float(np.sqrt(np.trace(result.covariances[-1][:2, :2])))
+    live = np.asarray(result.infos.num_live)
+    after = metrics["converged_after_s"]
+    lines = {
+        "scans": f"{len(result.stamps)} processed of {len(result.all_stamps)}",
+        "time": (
+            f"{result.ms_per_scan:.2f} ms per scan, compilation {result.compile_s:.1f} s apart; "
+            f"{metrics['beam_evaluations_per_s']:.2g} beams per second"
+        ),
+        "particles": f"{live[0]} at first, {int(np.median(live))} in the median, {live[-1]} at the end",
+        "converged": (
+            ("yes" if result.converged else "no")
+            + ("" if after is None else f", first after {after:.1f} s")
+            + f"; settled elsewhere {result.kidnapped_events} times"
+        ),
+        "end": f"x {x:.2f} m, y {y:.2f} m, {np.rad2deg(theta):.1f}°, ± {deviation:.2f} m",
+        "match": f"{100 * metrics['match_score']:.1f} % of the beams end on the map",
+    }
+    if ate := metrics.get("ate"):
+        lines["error"] = (
+            f"{ate['rmse_m']:.4f} m RMSE, max {ate['max_m']:.3f} m, heading {ate['rot_rmse_deg']:.2f}° "
+            f"({ate['n']} poses)"
+        )
+    lines["written"] = f"{folder} (cloud.png, trajectory.tum, metrics.json, …)"
+    for label, text in lines.items():
+        print(f"{label:<10}{text}")

@@ -1,0 +1,302 @@
+"""Adaptive Monte-Carlo localisation: where a robot is on a known map, mine (8)–(15)."""
+
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from jaxslam import se2
+from jaxslam.checks import require_at_least_zero
+from jaxslam.flags import Flag
+from jaxslam.linalg import cholesky
+from jaxslam.localization.estimate import Cluster, Clustering
+from jaxslam.localization.kld import Bins, KLDSampling, heaviest_bin
+from jaxslam.localization.known_map import KnownMap
+from jaxslam.localization.recovery import Averages, Recovery
+from jaxslam.localization.scan_model import AbstractScanModel, share_on_map
+from jaxslam.motion.base import AbstractMotionModel
+from jaxslam.resampling.ess import effective_sample_size, normalise
+from jaxslam.resampling.fixed_point import cumulative_weights, pick
+from jaxslam.types import StepInputs
+
+_STAGES = 8
+"""Between the sizes of particle set that are compiled: a set of 500 need not pay for 50 000."""
+
+
+class AMCLState(eqx.Module):
+    """What the next step needs.
+
+    Attributes:
+        poses: `[N, 3]` base poses (m, m, rad, world frame); those from `num_live` on mean nothing.
+        log_weights: `[N]` normalised log-weights; −inf from `num_live` on.
+        num_live: how many particles there are now, int32.
+        averages: of the scans' likelihood.
+        converged: whether the particles agreed after the last step.
+        num_steps: steps taken, int32.
+    """
+
+    poses: Float[Array, "N 3"]
+    log_weights: Float[Array, "N"]
+    num_live: Int[Array, ""]
+    averages: Averages
+    converged: Bool[Array, ""]
+    num_steps: Int[Array, ""]
+
+
+class AMCLInfo(eqx.Module):
+    """What one step leaves for the record.
+
+    Attributes:
+        estimate: the heaviest cluster after weighting.
+        num_live: particles that were weighed.
+        num_random: particles drawn from the whole map afterwards.
+        ess: effective sample size before resampling.
+        resampled: whether the particles were resampled.
+        converged: whether they agree: nearly all of the weight in one small cluster.
+        lost: whether they agree, and the scan does not lie on the map there.
+        match_score: share of the scan's beams that end near an obstacle, seen from the estimate; NaN for a
+            scan without a return.
+        flags: `jaxslam.flags.Flag` bits, int32.
+    """
+
+    estimate: Cluster
+    num_live: Int[Array, "*T"]
+    num_random: Int[Array, "*T"]
+    ess: Float[Array, "*T"]
+    resampled: Bool[Array, "*T"]
+    converged: Bool[Array, "*T"]
+    lost: Bool[Array, "*T"]
+    match_score: Float[Array, "*T"]
+    flags: Int[Array, "*T"]
+
+
+class Agreement(eqx.Module):
+    """When particles count as agreed, and when the agreement as wrong.
+
+    Attributes:
+        min_weight: share of the belief that the heaviest cluster must have, 0 to 1.
+        max_deviation: and at most this standard deviation in position, metres.
+        near: a beam fits the map if it ends within so many metres of an obstacle.
+        lost_below: share of the beams that fit under which the estimate is taken to be wrong.
+    """
+
+    min_weight: float | Float[Array, ""] = 0.9
+    max_deviation: float | Float[Array, ""] = 0.5
+    near: float | Float[Array, ""] = 0.3
+    lost_below: float | Float[Array, ""] = 0.4
+
+    def __check_init__(self):
+        require_at_least_zero(self)
+
+
+class AMCL(eqx.Module):
+    """Monte-Carlo localisation with an adaptive number of particles.
+
+    Pass it to `jax.jit` as an argument: its floats are traced, its sizes static. The particle set has room
+    for `max_particles`; those that live come first. A step works on the smallest of three sizes of set that
+    holds the live ones, and resampling makes at most the next larger one of it: from 500 to 50 000 particles
+    it takes two steps, after a kidnapping, say.
+
+    Attributes:
+        known: the map.
+        table: what the scan model looks up on it.
+        bins: to count where particles are.
+        motion: p(x_t | x_{t−1}, u_t).
+        scan_model: p(z_t | x_t, m).
+        sampling: how many particles are needed.
+        recovery: how many of them come from the whole map.
+        clustering: where the estimate is.
+        agreement: what counts as converged and as lost.
+        resample_below: resample where the effective sample size is under this share of the live particles;
+            1 resamples in every step.
+        min_valid_beams: a scan with fewer moves the particles by odometry alone.
+        max_particles: N (static).
+
+    References:
+        The second paper, "mine"; Fox 2003; Thrun, Burgard, Fox, Probabilistic Robotics, tables 8.2 and 8.3.
+    """
+
+    known: KnownMap
+    table: Any
+    bins: Bins
+    motion: AbstractMotionModel
+    scan_model: AbstractScanModel
+    sampling: KLDSampling
+    recovery: Recovery
+    clustering: Clustering
+    agreement: Agreement
+    resample_below: float | Float[Array, ""]
+    min_valid_beams: float | Float[Array, ""]
+    max_particles: int = eqx.field(static=True)
+
+    def init(self, key: PRNGKeyArray, pose0: Float[Array, "3"], covariance: Float[Array, "3 3"]) -> AMCLState:
+        """Particles around a start.
+
+        Args:
+            key: PRNG key.
+            pose0: `[3]` (m, m, rad, world frame).
+            covariance: `[3, 3]` of it (m², m·rad, rad²); zeros put all particles there.
+        """
+        factor = cholesky(covariance.astype(jnp.float32), jnp.full(3, 1e-12, jnp.float32))
+        offsets = jax.random.normal(key, (self.max_particles, 3), jnp.float32) @ factor.T
+        poses = pose0.astype(jnp.float32)[None] + offsets
+        return self._start(poses.at[:, 2].set(se2.wrap(poses[:, 2])))
+
+    def init_global(self, key: PRNGKeyArray) -> AMCLState:
+        """Particles all over the free space."""
+        return self._start(self.known.draw_free(key, self.max_particles))
+
+    def _start(self, poses: Float[Array, "N 3"]) -> AMCLState:
+        return AMCLState(
+            poses=poses,
+            log_weights=normalise(jnp.zeros(self.max_particles, jnp.float32)),
+            num_live=jnp.asarray(self.max_particles, jnp.int32),
+            averages=Averages.none(),
+            converged=jnp.asarray(False),
+            num_steps=jnp.zeros((), jnp.int32),
+        )
+
+    def blank_infos(self, num_steps: int) -> AMCLInfo:
+        """Room for the infos of so many steps, stacked over time; zeros."""
+        whole, number = jnp.zeros(num_steps, jnp.int32), jnp.zeros(num_steps, jnp.float32)
+        no = jnp.zeros(num_steps, bool)
+        cluster = Cluster(
+            jnp.zeros((num_steps, 3), jnp.float32), jnp.zeros((num_steps, 3, 3), jnp.float32), number
+        )
+        return AMCLInfo(cluster, whole, whole, number, no, no, no, number, whole)
+
+    def step(self, key: PRNGKeyArray, state: AMCLState, inputs: StepInputs) -> tuple[AMCLState, AMCLInfo]:
+        """Move, weigh, estimate, and draw as many particles as the belief needs."""
+        sizes = self._sizes()
+        stage = jnp.sum(state.num_live > jnp.asarray(sizes[:-1], jnp.int32), dtype=jnp.int32)
+        branches = [
+            partial(self._step_of, now, after)
+            for now, after in zip(sizes, sizes[1:] + sizes[-1:], strict=True)
+        ]
+        return jax.lax.switch(stage, branches, key, state, inputs)
+
+    def _sizes(self) -> list[int]:
+        """Sizes of particle set that are compiled, ascending, the last with room for all."""
+        sizes = [self.max_particles]
+        while len(sizes) < 3 and sizes[0] // _STAGES >= 512:
+            sizes.insert(0, sizes[0] // _STAGES)
+        return sizes
+
+    def _step_of(
+        self, size: int, size_after: int, key: PRNGKeyArray, state: AMCLState, inputs: StepInputs
+    ) -> tuple[AMCLState, AMCLInfo]:
+        """A step of the first `size` particles, after which there may be `size_after`."""
+        key_move, key_draw = jax.random.split(key)
+        live = jnp.arange(size) < state.num_live
+        # (9), (12), (13)
+        keys = jax.random.split(key_move, size)
+        moved = jax.vmap(self.motion.sample, (0, 0, None))(keys, state.poses[:size], inputs.odometry)
+        finite = jnp.all(jnp.isfinite(moved), axis=1, keepdims=True)
+        moved = jnp.where(finite, moved, state.poses[:size])
+
+        # (14)
+        enough = jnp.sum(inputs.scan.valid, dtype=jnp.float32) >= self.min_valid_beams
+        log_likelihood = self.scan_model.log_likelihoods(
+            self.table, self.known, inputs.scan, moved, live, state.converged
+        )
+        log_likelihood = jnp.where(enough & jnp.isfinite(log_likelihood), log_likelihood, 0.0)
+        before = state.log_weights[:size]
+        log_weights = normalise(jnp.where(live, before + log_likelihood, -jnp.inf))
+        weights = jnp.exp(log_weights)
+        mean_likelihood = jnp.sum(jnp.exp(before + log_likelihood))
+        averages = self.recovery.update(state.averages, mean_likelihood)
+        averages = jax.tree.map(partial(jnp.where, enough), averages, state.averages)
+
+        estimate = self._estimate(moved, weights)
+        score = share_on_map(self.known, inputs.scan, estimate.mean, self.agreement.near)
+        agreed = estimate.weight >= self.agreement.min_weight
+        converged = agreed & (estimate.deviation <= self.agreement.max_deviation)
+        lost = converged & enough & (score < self.agreement.lost_below)
+
+        # (15)
+        num_live = jnp.minimum(state.num_live, size)
+        ess = effective_sample_size(jnp.where(live, log_weights, -jnp.inf))
+        random_share = jnp.where(enough, self.recovery.share(averages), 0.0)
+        is_due = ess < self.resample_below * num_live.astype(jnp.float32)
+        resampled = enough & (is_due | (random_share > 0.0))
+        drawn, num_drawn, is_random = self._draw(key_draw, moved, weights, random_share, size_after)
+        kept = jnp.zeros((size_after, 3), jnp.float32).at[:size].set(moved)
+        num_after = jnp.where(resampled, num_drawn, num_live)
+        uniform = jnp.full(size_after, -jnp.log(num_drawn.astype(jnp.float32)))
+        as_before = jnp.full(size_after, -jnp.inf).at[:size].set(log_weights)
+        after = jnp.where(resampled, uniform, as_before)
+        after = jnp.where(jnp.arange(size_after) < num_after, after, -jnp.inf)
+
+        state = AMCLState(
+            poses=state.poses.at[:size_after].set(jnp.where(resampled, drawn, kept)),
+            log_weights=jnp.full(self.max_particles, -jnp.inf).at[:size_after].set(after),
+            num_live=num_after,
+            averages=averages,
+            converged=converged & ~lost,
+            num_steps=state.num_steps + 1,
+        )
+        flags = jnp.where(enough, 0, Flag.FEW_VALID_BEAMS.value) | jnp.where(
+            jnp.all(finite[:, 0] | ~live), 0, Flag.NONFINITE_POSE.value
+        )
+        info = AMCLInfo(
+            estimate=estimate,
+            num_live=num_live,
+            num_random=jnp.where(
+                resampled, jnp.sum(is_random & (jnp.arange(size_after) < num_drawn), dtype=jnp.int32), 0
+            ),
+            ess=ess,
+            resampled=resampled,
+            converged=converged,
+            lost=lost,
+            match_score=score,
+            flags=flags.astype(jnp.int32),
+        )
+        return state, info
+
+    def _estimate(self, poses: Float[Array, "n 3"], weights: Float[Array, "n"]) -> Cluster:
+        bins = self.bins.index(self.known, poses)
+        heaviest = heaviest_bin(bins, weights, self.bins.count)
+        # From the heaviest particle of the heaviest bin, and not from the bin's centre, which may be empty.
+        start = poses[jnp.argmax(jnp.where(bins == heaviest, weights, -1.0))]
+        return self.clustering.around(poses, weights, start)
+
+    def _draw(
+        self,
+        key: PRNGKeyArray,
+        poses: Float[Array, "n 3"],
+        weights: Float[Array, "n"],
+        random_share: Float[Array, ""],
+        count: int,
+    ) -> tuple[Float[Array, "count 3"], Int[Array, ""], Bool[Array, "count"]]:
+        """Particles by weight or from the whole map, one independent of the other.
+
+        Returns:
+            `[count, 3]` poses; how many of the first of them are enough; which are from the whole map.
+        """
+        key_pick, key_which, key_random = jax.random.split(key, 3)
+        cumulative = cumulative_weights(weights)
+        positions = jax.random.randint(key_pick, (count,), jnp.uint32(0), cumulative[-1], jnp.uint32)
+        picked = poses[pick(cumulative, positions)]
+        is_random = jax.random.uniform(key_which, (count,), jnp.float32) < random_share
+        drawn = jnp.where(is_random[:, None], self.known.draw_free(key_random, count), picked)
+        bins = self.bins.index(self.known, drawn)
+        return drawn, self.sampling.num_needed(bins, self.bins.count), is_random
+
+
+def run(amcl: AMCL, key: PRNGKeyArray, state: AMCLState, inputs: StepInputs) -> tuple[AMCLState, AMCLInfo]:
+    """A whole log as one `lax.scan`.
+
+    Args:
+        amcl: the filter.
+        key: PRNG key; step `t` uses `fold_in(key, t)`.
+        state: from `init` or `init_global`.
+        inputs: leaves stacked over time, `[T, ...]`.
+    """
+
+    def step(state: AMCLState, inputs: StepInputs) -> tuple[AMCLState, AMCLInfo]:
+        return amcl.step(jax.random.fold_in(key, state.num_steps), state, inputs)
+
+    return jax.lax.scan(step, state, inputs)

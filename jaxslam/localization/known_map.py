@@ -1,0 +1,96 @@
+"""A map that is given: where its obstacles are, how far each cell lies from them, where a robot can be."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from jaxslam import se2
+from jaxslam.grid.distance import distance_to_nearest
+from jaxslam.io.map_server import OccupancyMap
+
+BORDER = 1
+"""Cells of nothing around the map: a look-up beside it is moved there."""
+
+
+class KnownMap(eqx.Module):
+    """A map to localise in; made once, by `of`.
+
+    Its cells lie along the map frame, which `origin` puts into the world, turned or not.
+
+    Attributes:
+        occupied: `[H, W]`, row 0 the lowest y of the map frame.
+        distance: `[H + 2, W + 2]` from a cell's centre to the nearest obstacle's, metres, at most
+            `max_distance`; with a border of one cell at `max_distance`.
+        free: `[M]` row-major indices of the cells that a robot can stand in, ascending.
+        resolution: side of a cell, metres.
+        origin: `[3]` pose of the outer corner of cell (0, 0) in the world (m, m, rad).
+        max_distance: truncation, metres.
+    """
+
+    occupied: Bool[Array, "H W"]
+    distance: Float[Array, "height width"]
+    free: Int[Array, "M"]
+    resolution: Float[Array, ""]
+    origin: Float[Array, "3"]
+    max_distance: Float[Array, ""]
+
+    @classmethod
+    def of(cls, occupancy: OccupancyMap, max_distance: float = 2.0) -> "KnownMap":
+        """Prepares a map: its distances and its free cells.
+
+        Args:
+            occupancy: as `jaxslam.io.read_map` gives it.
+            max_distance: end points farther than this from any obstacle are all alike, metres.
+
+        Raises:
+            ValueError: there is no obstacle or no free space in it.
+        """
+        size = f"{occupancy.occupied.shape[1]} × {occupancy.occupied.shape[0]} cells"
+        if not occupancy.occupied.any():
+            raise ValueError(f"the map ({size}) has no occupied cell, so no scan can be matched to it")
+        if not occupancy.free.any():
+            raise ValueError(
+                f"the map ({size}) has no free cell, so there is nowhere for the robot to be: check its "
+                "thresholds and negate"
+            )
+        occupied = jnp.asarray(occupancy.occupied)
+        reach = int(np.ceil(max_distance / occupancy.resolution))
+        distance = jax.jit(distance_to_nearest)(occupied, reach) * jnp.float32(occupancy.resolution)
+        return cls(
+            occupied=occupied,
+            distance=jnp.pad(
+                jnp.minimum(distance, max_distance), BORDER, constant_values=jnp.float32(max_distance)
+            ),
+            free=jnp.asarray(np.flatnonzero(occupancy.free), jnp.int32),
+            resolution=jnp.asarray(occupancy.resolution, jnp.float32),
+            origin=jnp.asarray(occupancy.origin, jnp.float32),
+            max_distance=jnp.asarray(max_distance, jnp.float32),
+        )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns, the border apart."""
+        height, width = self.occupied.shape
+        return height, width
+
+    def draw_free(self, key: PRNGKeyArray, count: int) -> Float[Array, "count 3"]:
+        """Poses `[count, 3]` (m, m, rad, world frame), uniform over the free space and all headings."""
+        key_cell, key_within, key_heading = jax.random.split(key, 3)
+        chosen = self.free[jax.random.randint(key_cell, (count,), 0, self.free.shape[0])]
+        cells = jnp.stack([chosen % self.shape[1], chosen // self.shape[1]], axis=-1).astype(jnp.float32)
+        points = (cells + jax.random.uniform(key_within, (count, 2), jnp.float32)) * self.resolution
+        heading = jax.random.uniform(key_heading, (count, 1), jnp.float32, -jnp.pi, jnp.pi)
+        return jax.vmap(se2.compose, (None, 0))(self.origin, jnp.concatenate([points, heading], axis=-1))
+
+    def in_cells(self, poses: Float[Array, "N 3"]) -> Float[Array, "N 3"]:
+        """Poses `[N, 3]` in the map's axes: column and row, not rounded, and the heading in radians."""
+        local = jax.vmap(se2.relative, (None, 0))(self.origin, poses)
+        return jnp.concatenate([local[:, :2] / self.resolution, local[:, 2:]], axis=-1)
+
+    def is_free(self, pose: Float[Array, "3"]) -> Bool[Array, ""]:
+        """Whether a pose `[3]` (world frame) lies in a free cell of the map."""
+        column, row = jnp.floor(self.in_cells(pose[None])[0, :2]).astype(jnp.int32)
+        inside = (column >= 0) & (column < self.shape[1]) & (row >= 0) & (row < self.shape[0])
+        return inside & jnp.any(self.free == row * self.shape[1] + column)

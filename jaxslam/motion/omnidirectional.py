@@ -1,0 +1,111 @@
+"""The motion model of a robot that drives any way without turning."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from jaxslam import se2
+from jaxslam.checks import require_at_least_zero
+from jaxslam.motion.base import AbstractMotionModel
+from jaxslam.motion.increment_noise import (
+    ACROSS,
+    ALONG,
+    FINAL_ROTATION,
+    TURN,
+    Scalar,
+    increment_log_prob,
+    predicted_frame_covariance,
+    sample_increment,
+)
+from jaxslam.types import OdometryIncrement
+
+
+class OmnidirectionalMotion(AbstractMotionModel):
+    r"""Odometry as a straight translation in any direction and a rotation on the way, with normal noise.
+
+    Unlike `OdometryMotion`, the direction of the translation says nothing about the heading: a robot that
+    moves sideways has not turned. The noise is normal with the **variances**
+
+    - along the way: $\alpha_3 \delta_{trans}^2 + \alpha_4 \delta_{rot}^2$;
+    - across it: $\alpha_5 \delta_{trans}^2 + \alpha_4 \delta_{rot}^2$;
+    - heading: $\alpha_1 \delta_{rot}^2 + \alpha_2 \delta_{trans}^2$.
+
+    Attributes:
+        rotation_noise_from_rotation: α1, rad² per rad².
+        rotation_noise_from_translation: α2, rad² per m².
+        translation_noise_from_translation: α3, m² per m².
+        translation_noise_from_rotation: α4, m² per rad².
+        strafe_noise_from_translation: α5, m² per m².
+        translation_floor: least standard deviation of the position per step and axis, m, > 0.
+        rotation_floor: least standard deviation of the heading per step, rad, > 0.
+
+    References:
+        Five noise parameters as in nav2's omnidirectional model; variances as in Probabilistic Robotics.
+
+    Example:
+        1 m to the left without turning, defaults: deviations 0.0583 m along, 0.0583 m across and
+        0.1118 rad.
+    """
+
+    rotation_noise_from_rotation: Scalar = 0.09
+    rotation_noise_from_translation: Scalar = 0.01
+    translation_noise_from_translation: Scalar = 0.0025
+    translation_noise_from_rotation: Scalar = 0.0025
+    strafe_noise_from_translation: Scalar = 0.0025
+    translation_floor: Scalar = 0.03
+    rotation_floor: Scalar = 0.05
+
+    def __check_init__(self):
+        require_at_least_zero(self, positive=("translation_floor", "rotation_floor"))
+
+    def sample(
+        self, key: PRNGKeyArray, pose: Float[Array, "3"], odometry: OdometryIncrement
+    ) -> Float[Array, "3"]:
+        """Draws the next pose `[3]`."""
+        noisy = _along_its_way(odometry)
+        return se2.compose(pose, sample_increment(key, noisy, self._variances(odometry)))
+
+    def log_prob(
+        self, pose_next: Float[Array, "3"], pose: Float[Array, "3"], odometry: OdometryIncrement
+    ) -> Float[Array, ""]:
+        """Natural log of the density of `pose_next` per m²·rad; finite everywhere."""
+        increment = se2.relative(pose, pose_next)
+        return increment_log_prob(increment, _along_its_way(odometry), self._variances(odometry))
+
+    def covariance(self, odometry: OdometryIncrement) -> Float[Array, "3 3"]:
+        """Covariance `[3, 3]` of the increment in the predicted pose's frame (m², m·rad, rad²)."""
+        return predicted_frame_covariance(_along_its_way(odometry), self._variances(odometry))
+
+    def _variances(self, odometry: OdometryIncrement) -> Float[Array, "4"]:
+        x, y, theta = odometry.delta
+        translation, rotation = x * x + y * y, theta * theta
+        floor = self.translation_floor * self.translation_floor
+        from_rotation = self.translation_noise_from_rotation * rotation + floor
+        heading = (
+            self.rotation_noise_from_rotation * rotation
+            + self.rotation_noise_from_translation * translation
+            + self.rotation_floor * self.rotation_floor
+        )
+        return jnp.stack(
+            [
+                jnp.zeros_like(heading),
+                self.translation_noise_from_translation * translation + from_rotation,
+                self.strafe_noise_from_translation * translation + from_rotation,
+                heading,
+            ]
+        )
+
+
+def _along_its_way(odometry: OdometryIncrement):
+    """The increment `[3]` as a function of noise `[4]` on its way, across it and on the heading."""
+    x, y, theta = odometry.delta
+    length = jnp.hypot(x, y)
+    # A robot that stands has no direction: any will do.
+    direction = jnp.where(length > 0.0, jnp.arctan2(y, jnp.where(length > 0.0, x, 1.0)), 0.0)
+
+    def noisy_increment(noise: Float[Array, "4"]) -> Float[Array, "3"]:
+        translation = jnp.stack([length + noise[ALONG], noise[ACROSS]])
+        # The turn is there for the others' sake and has no variance.
+        heading = se2.wrap(theta + noise[TURN] + noise[FINAL_ROTATION])
+        return jnp.append(se2.rotate(direction + noise[TURN], translation), heading)
+
+    return noisy_increment

@@ -35,9 +35,10 @@ METHODS: dict[str, dict[str, str]] = {
     "rbpf": {"proposal.kind": "motion"},
     "gmapping": {"proposal.kind": "matched"},
     "fruit-fly": {"proposal.kind": "fruit_fly", "fusion.use": "auto"},
+    "gaussian": {"proposal.kind": "gaussian"},
 }
 """What a method sets: `rbpf` is the traditional filter, `gmapping` matches scans, `fruit-fly` is the first
-paper's, with odometry and IMU fused where there is one, and a swarm."""
+paper's, with odometry and IMU fused where there is one, and a swarm; `gaussian` the second paper's."""
 
 _MAX_CELLS = 2**31 - 1
 

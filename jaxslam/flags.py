@@ -16,3 +16,5 @@ class Flag(enum.IntFlag):
     """The scan had too few returns to say anything: the pose is odometry alone."""
     SEARCHED = enum.auto()
     """The matcher had lost the map for at least one particle and searched a wider area."""
+    MATCH_FAILED = enum.auto()
+    """The match of at least one particle explained too little of the scan: the motion model moved it."""

@@ -205,6 +205,7 @@ def _warnings(flags: Int[np.ndarray, "T"]) -> tuple[str, ...]:
         Flag.NONFINITE_WEIGHT: "particles with a NaN or infinite weight were dropped",
         Flag.NONFINITE_POSE: "particles with a NaN or infinite pose were put back to the odometry",
         Flag.FEW_VALID_BEAMS: "scans had too few returns, so odometry alone moved the particles",
+        Flag.MATCH_FAILED: "a particle's map explained too little of the scan, so odometry alone moved it",
     }
     counts = {flag: int(np.count_nonzero(flags & flag.value)) for flag in messages}
     return tuple(

@@ -12,6 +12,7 @@ from jaxslam.motion import (
 )
 from jaxslam.proposal.base import AbstractProposal
 from jaxslam.proposal.fruit_fly import FruitFlyProposal
+from jaxslam.proposal.gaussian import GaussianProposal
 from jaxslam.proposal.matched import MatchedProposal
 from jaxslam.proposal.motion import MotionProposal
 from jaxslam.resampling import (
@@ -42,6 +43,7 @@ VARIANTS: dict[type[eqx.Module], dict[str, type[eqx.Module]]] = {
         "motion": MotionProposal,
         "matched": MatchedProposal,
         "fruit_fly": FruitFlyProposal,
+        "gaussian": GaussianProposal,
     },
     AbstractResampler: {
         "systematic": SystematicResampler,

@@ -1,13 +1,13 @@
 """Occupancy grids: where cells lie, what a scan does to them, how far obstacles are."""
 
 from jaxslam.grid.distance import squared_distance
+from jaxslam.grid.obstacles import outstanding
 from jaxslam.grid.occupancy import (
     CellsFromLidar,
     OccupancyModel,
     RangeTable,
     add_scan,
     cells_from_lidar,
-    is_occupied,
     probability,
     quantise,
     range_table,
@@ -32,7 +32,7 @@ __all__ = [
     "cells_from_lidar",
     "copy_maps",
     "inside_window",
-    "is_occupied",
+    "outstanding",
     "probability",
     "quantise",
     "range_table",

@@ -30,16 +30,20 @@ class OccupancyModel(eqx.Module):
             are a little off their way wipe out what they pass.
         limit: log-odds are clamped to ±limit, so that a map can still change its mind; ≤ 19.
         occupied_above: cells over this are obstacles to the matcher and the sensor model, log-odds.
+        standing_out: if they also have this share of the log-odds of the strongest cell near them, 0 to 1;
+            see `jaxslam.grid.obstacles`. 0 takes them all.
     """
 
     hit: float | Float[Array, ""] = 2.7
     miss: float | Float[Array, ""] = -0.3
     limit: float | Float[Array, ""] = 15.0
-    occupied_above: float | Float[Array, ""] = 1.5
+    occupied_above: float | Float[Array, ""] = 2.0
+    standing_out: float | Float[Array, ""] = 0.5
 
     def __check_init__(self):
         bounds = {"hit": (0.0, _LARGEST), "miss": (-_LARGEST, 0.0), "limit": (0.0, _LARGEST)}
         bounds["occupied_above"] = (-_LARGEST, _LARGEST)
+        bounds["standing_out"] = (0.0, 1.0)
         for name, (low, high) in bounds.items():
             value = getattr(self, name)
             # A traced value cannot be looked at.
@@ -50,11 +54,6 @@ class OccupancyModel(eqx.Module):
 def quantise(log_odds: float | Float[Array, ""]) -> Int8[Array, ""]:
     """Natural log-odds in the fixed point of the maps."""
     return jnp.clip(jnp.round(jnp.asarray(log_odds) / LOG_ODDS_PER_UNIT), -127, 127).astype(jnp.int8)
-
-
-def is_occupied(model: OccupancyModel, maps: Int8[Array, "*shape"]) -> Bool[Array, "*shape"]:
-    """Which cells count as obstacles."""
-    return maps > quantise(model.occupied_above)
 
 
 def probability(maps: Int8[Array, "*shape"]) -> Float[Array, "*shape"]:

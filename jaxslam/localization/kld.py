@@ -78,7 +78,7 @@ class KLDSampling(eqx.Module):
         table 4.
 
     Example:
-        ε = 0.05, z = 2.326: 1 bin asks for `min_particles`, 2 for 67, 10 for 217 and 100 for 1347.
+        ε = 0.05, z = 2.326: 1 bin asks for `min_particles`, 2 for 66, 10 for 217 and 100 for 1347.
     """
 
     error: float | Float[Array, ""] = 0.05

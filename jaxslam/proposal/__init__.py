@@ -2,7 +2,15 @@
 
 from jaxslam.proposal.base import AbstractProposal, Proposed
 from jaxslam.proposal.fruit_fly import FruitFlyProposal
+from jaxslam.proposal.gaussian import GaussianProposal
 from jaxslam.proposal.matched import MatchedProposal
 from jaxslam.proposal.motion import MotionProposal
 
-__all__ = ["AbstractProposal", "FruitFlyProposal", "MatchedProposal", "MotionProposal", "Proposed"]
+__all__ = [
+    "AbstractProposal",
+    "FruitFlyProposal",
+    "GaussianProposal",
+    "MatchedProposal",
+    "MotionProposal",
+    "Proposed",
+]

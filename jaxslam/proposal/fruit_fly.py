@@ -94,7 +94,7 @@ class FruitFlyProposal(AbstractProposal):
     flies: FruitFlies = FruitFlies()
     search: CorrelativeSearch = CorrelativeSearch()
     prior: PriorTrust = PriorTrust()
-    prior_score: float | Float[Array, ""] = 0.5
+    prior_score: float | Float[Array, ""] = 0.3
     step_translation: float | Float[Array, ""] = 0.03
     step_rotation: float | Float[Array, ""] = 0.02
     reach_translation: float | Float[Array, ""] = 0.5

@@ -57,7 +57,7 @@ class MatchedProposal(AbstractProposal):
     fine: GaussNewton = GaussNewton()
     search: CorrelativeSearch = CorrelativeSearch()
     prior: PriorTrust = PriorTrust()
-    prior_score: float | Float[Array, ""] = 0.9
+    prior_score: float | Float[Array, ""] = 0.5
     lost_below: float | Float[Array, ""] = 0.5
     min_valid_beams: float | Float[Array, ""] = 5.0
     max_beams: int = eqx.field(static=True, default=400)

@@ -32,8 +32,8 @@ def stratum_positions(cumulative: UInt[Array, "N"], offsets: Float[Array, "N"]) 
     return jnp.minimum(position, total - jnp.uint32(1))
 
 
-def pick(cumulative: UInt[Array, "N"], positions: UInt[Array, "N"]) -> Int[Array, "N"]:
-    """Index `[N]` (int32) of the particle whose share of the total each position falls into.
+def pick(cumulative: UInt[Array, "N"], positions: UInt[Array, "M"]) -> Int[Array, "M"]:
+    """Index `[M]` (int32) of the particle whose share of the total each position falls into.
 
     Positions lie below the total, so an index is always below N and its weight never zero.
     """

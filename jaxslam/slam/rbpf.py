@@ -7,6 +7,7 @@ from jaxtyping import Array, Bool, Float, Int, Int8, Key, PRNGKeyArray
 
 from jaxslam import se2
 from jaxslam.flags import Flag
+from jaxslam.grid.obstacles import outstanding
 from jaxslam.grid.occupancy import OccupancyModel, add_scan, cells_from_lidar, quantise, range_table
 from jaxslam.grid.spec import GridSpec
 from jaxslam.grid.window import (
@@ -188,7 +189,7 @@ class RBPF(eqx.Module):
             return window_start(self.grid, lidar[:2], shape, shift)[0]
 
         starts = jax.vmap(start)(state.poses)
-        windows = read_windows(state.maps, starts, shape)
+        windows = jax.vmap(outstanding, (None, 0))(self.occupancy, read_windows(state.maps, starts, shape))
         origins = jax.vmap(window_origin, (None, 0))(self.grid, starts)
         threshold = quantise(self.occupancy.occupied_above)
         return jax.vmap(prepare_field, (0, None, 0, None, None))(

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxslam import se2
+from jaxslam.grid.obstacles import outstanding
 from jaxslam.grid.occupancy import add_scan, cells_from_lidar, quantise, range_table
 from jaxslam.grid.window import copy_maps, read_windows, window_origin, window_start, write_windows
 from jaxslam.lidar.beams import scan_points
@@ -47,6 +48,7 @@ def distance_field(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
     origins = jax.vmap(window_origin, (None, 0))(slam.grid, starts)
 
     def prepare(windows, origins, slam):
+        windows = jax.vmap(outstanding, (None, 0))(slam.occupancy, windows)
         return jax.vmap(prepare_field, (0, None, 0, None, None))(
             windows, quantise(slam.occupancy.occupied_above), origins, slam.grid.resolution, slam.radius
         )

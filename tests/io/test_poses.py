@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 from jaxslam.io.poses import (
     compose_poses,
     interpolate_poses,
-    poses_along,
     invert_poses,
     net_rotation,
     path_length,
+    poses_along,
     relative_poses,
     wrap_angle,
     yaw_from_quaternion,

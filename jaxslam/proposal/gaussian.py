@@ -1,0 +1,88 @@
+"""The second paper's proposal: scan matching finds the mode, a Gaussian around it is drawn from."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from jaxslam import se2
+from jaxslam.checks import require_at_least_zero
+from jaxslam.flags import Flag
+from jaxslam.lidar.beams import scan_points
+from jaxslam.motion.base import AbstractMotionModel
+from jaxslam.proposal.base import AbstractProposal, Proposed
+from jaxslam.proposal.candidate import Judge, share_explained
+from jaxslam.proposal.matched import MatchedProposal
+from jaxslam.proposal.pose_gaussian import PosesAround
+from jaxslam.sensor.base import AbstractSensorModel
+from jaxslam.sensor.field import Field
+from jaxslam.types import StepInputs
+
+
+class GaussianProposal(AbstractProposal):
+    r"""Mine (16)–(22): $x \sim N(\mu, \Sigma)$ around $x^* = \arg\max p(z|x,m)\,p(x|x_{t-1},u)$, $w \propto \eta$.
+
+    Where the match explains too few of the beams, the particle goes where the motion model says and its step
+    is flagged `MATCH_FAILED`.
+
+    Attributes:
+        matcher: finds x*, (16).
+        around: K poses around it and their moments, (19)–(21).
+        sharpness: log-likelihoods are sharpened by it for the moments, and log η blunted: the sensor model
+            counts a scan for less than its beams, which is right for choosing among particles, but knows a
+            pose less well than a match does. 1 is the paper's.
+        odometry_weight: power of p(x | x_prev, u) in the moments. 0 holds it constant near the mode, (18),
+            which lets the particles wander along a corridor without features; 1 keeps it.
+        failed_below: share of the valid beams near an obstacle, or where the map knows nothing, under which
+            the match has failed.
+
+    References:
+        The second paper, "mine"; Grisetti et al. 2007, section III-B.
+    """
+
+    matcher: MatchedProposal = MatchedProposal()
+    around: PosesAround = PosesAround()
+    sharpness: float | Float[Array, ""] = 10.0
+    odometry_weight: float | Float[Array, ""] = 1.0
+    failed_below: float | Float[Array, ""] = 0.3
+
+    def __check_init__(self):
+        require_at_least_zero(self, positive=("sharpness",))
+
+    def sample(
+        self,
+        key: PRNGKeyArray,
+        pose: Float[Array, "3"],
+        inputs: StepInputs,
+        field: Field,
+        motion: AbstractMotionModel,
+        sensor: AbstractSensorModel,
+    ) -> Proposed:
+        """Matches, fits a Gaussian to the poses around the match, and draws from it."""
+        key_match, key_fit, key_draw, key_fall_back = jax.random.split(key, 4)
+        # (16)
+        matched = self.matcher.sample(key_match, pose, inputs, field, motion, sensor)
+        ends = scan_points(inputs.scan, self.matcher.max_beams)
+        enough = (matched.flags & Flag.FEW_VALID_BEAMS.value) == 0
+        failed = ~enough | (share_explained(field.fine, ends, matched.pose) < self.failed_below)
+
+        # (18)–(21)
+        predicted = se2.compose(pose, inputs.odometry.delta)
+        prior = self.matcher.prior.about(motion, inputs.odometry, predicted)
+        judge = Judge(field, inputs.scan, sensor, prior, self.odometry_weight * self.matcher.prior_score)
+        around = self.around.fit(
+            key_fit, lambda x: self.sharpness * judge.candidate(x).score, matched.pose, ends
+        )
+        drawn = around.sample(key_draw)
+
+        fallen_back = motion.sample(key_fall_back, pose, inputs.odometry)
+        flag = jnp.where(enough & failed, Flag.MATCH_FAILED.value, 0)
+        one = Proposed(
+            pose=jnp.where(failed, fallen_back, drawn),
+            # (22)
+            log_likelihood=around.log_eta / self.sharpness,
+            log_ratio=jnp.zeros((), jnp.float32),
+            flags=(matched.flags | flag).astype(jnp.int32),
+        )
+        at_random = sensor.log_prob(field, inputs.scan, fallen_back)
+        return eqx.tree_at(lambda p: p.log_likelihood, one, jnp.where(failed, at_random, one.log_likelihood))

@@ -1,0 +1,221 @@
+"""The whole filter: tracking, a global start, a kidnapping, degenerate input."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxslam.inputs import prepare_inputs
+from jaxslam.localization import AMCL, run
+from jaxslam.localization_configuration import LocalizationConfiguration, build_localizer
+from jaxslam.localize import localize_log, settled_elsewhere, start_at
+from jaxslam.motion import OmnidirectionalMotion
+from jaxslam.settings import update
+from jaxslam.sim import sick, simulate, to_log
+from tests.localization.worlds import hall_map
+
+SMALL = {"max_particles": 8192, "min_particles": 200}
+KEY = jax.random.key(5)
+_CELL = np.argwhere(hall_map()[0].occupied)[100]
+WALL = (*(-0.5 + 0.05 * (_CELL[::-1] + 0.5)), 0.0)
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """A minute in the small hall: the map, the log ready for the filter, the true poses at its scans."""
+    occupancy, world, waypoints = hall_map()
+    simulation = simulate(KEY, world, waypoints, lidar=sick(num_beams=61), duration=60.0)
+    log = to_log(simulation, in_world_frame=True)
+    prepared = prepare_inputs(log, LocalizationConfiguration().thinning)
+    return occupancy, prepared, np.asarray(simulation.scan_poses, float)[prepared.scan_index]
+
+
+@pytest.fixture(scope="module")
+def amcl(drive):
+    return build_localizer(update(LocalizationConfiguration(), SMALL), drive[0])
+
+
+def errors(result, truth):
+    return np.hypot(*(result.estimates[:, :2] - truth[:, :2]).T)
+
+
+def test_tracking(drive, amcl):
+    _, prepared, truth = drive
+    state = start_at(amcl, KEY, tuple(truth[0]), (0.3, 0.1))
+    result = localize_log(amcl, KEY, state, prepared)
+    after = errors(result, truth)[10:]
+    assert np.sqrt(np.mean(after**2)) < 0.06
+    assert after.max() < 0.2
+    assert result.converged
+    assert result.kidnapped_events == 0
+    assert result.agreed.mean() > 0.9
+    assert np.median(result.infos.num_live) == 200
+    assert result.warnings == ()
+
+
+def test_global_start(drive, amcl):
+    _, prepared, truth = drive
+    result = localize_log(amcl, KEY, jax.jit(AMCL.init_global)(amcl, KEY), prepared)
+    assert result.infos.num_live[0] == 8192
+    assert result.infos.num_live[-1] < 1000
+    assert result.converged
+    assert errors(result, truth)[-5:].max() < 0.2
+    assert 0.0 < result.converged_after_s < 40.0
+
+
+def test_a_kidnapped_robot_is_found_again(drive, amcl):
+    _, prepared, truth = drive
+    # Set down where the drive was half a minute later, as far as the odometry knows without moving.
+    half = len(truth) // 2
+    kept = np.r_[0:20, half : len(truth)]
+    inputs = jax.tree.map(lambda leaf: leaf[kept], prepared.inputs)
+    inputs = eqx.tree_at(
+        lambda i: i.odometry.delta, inputs, inputs.odometry.delta.at[20].set(jnp.zeros(3, jnp.float32))
+    )
+    assert np.hypot(*(truth[half] - truth[19])[:2]) > 3.0
+    state = start_at(amcl, KEY, tuple(truth[0]), (0.3, 0.1))
+    _, infos = jax.jit(run)(amcl, KEY, state, inputs)
+    found = np.hypot(*(np.asarray(infos.estimate.mean) - truth[kept])[:, :2].T)
+    assert found[10:20].max() < 0.2
+    assert found[20] > 2.0
+    assert found[-5:].max() < 0.3
+    assert int(np.asarray(infos.num_random)[20:].sum()) > 0
+    assert int(np.asarray(infos.num_random)[:20].sum()) == 0
+
+
+def test_host_loop_and_scan_give_the_same(drive, amcl):
+    _, prepared, truth = drive
+    state = start_at(amcl, KEY, tuple(truth[0]), (0.3, 0.1))
+    expected = jax.jit(run)(amcl, KEY, state, prepared.inputs)[1].estimate.mean
+    result = localize_log(amcl, KEY, start_at(amcl, KEY, tuple(truth[0]), (0.3, 0.1)), prepared)
+    np.testing.assert_allclose(result.estimates, expected, atol=1e-4)
+
+
+def test_same_key_same_bytes(drive, amcl):
+    _, prepared, truth = drive
+    runs = [
+        localize_log(amcl, jax.random.key(seed), start_at(amcl, KEY, tuple(truth[0]), (0.3, 0.1)), prepared)
+        for seed in (1, 1, 2)
+    ]
+    assert runs[0].estimates.tobytes() == runs[1].estimates.tobytes()
+    assert runs[0].estimates.tobytes() != runs[2].estimates.tobytes()
+
+
+def test_omnidirectional_motion_tracks_too(drive, amcl):
+    _, prepared, truth = drive
+    omni = dataclasses.replace(amcl, motion=OmnidirectionalMotion())
+    result = localize_log(omni, KEY, start_at(omni, KEY, tuple(truth[0]), (0.3, 0.1)), prepared)
+    assert errors(result, truth)[10:].max() < 0.3
+
+
+def steps(amcl, state, inputs, count=3):
+    step = jax.jit(AMCL.step)
+    for number in range(count):
+        state, info = step(amcl, jax.random.key(number), state, inputs)
+    return state, info
+
+
+def at(prepared, index):
+    return jax.tree.map(lambda leaf: leaf[index], prepared.inputs)
+
+
+def test_a_blind_scan_moves_by_odometry_alone(drive, amcl):
+    _, prepared, truth = drive
+    blind = eqx.tree_at(lambda i: i.scan.valid, at(prepared, 3), jnp.zeros(61, bool))
+    _, info = steps(amcl, start_at(amcl, KEY, tuple(truth[0]), (0.1, 0.05)), blind)
+    assert int(info.flags) != 0
+    assert not bool(info.resampled)
+    assert np.isnan(float(info.match_score))
+    moved = 3 * np.linalg.norm(np.asarray(blind.odometry.delta)[:2])
+    far = np.hypot(*(np.asarray(info.estimate.mean)[:2] - truth[0, :2]))
+    assert far == pytest.approx(moved, abs=0.1)
+
+
+def test_broken_odometry_moves_nothing(drive, amcl):
+    _, prepared, truth = drive
+    broken = eqx.tree_at(lambda i: i.odometry.delta, at(prepared, 0), jnp.full(3, jnp.nan))
+    state, info = steps(amcl, start_at(amcl, KEY, tuple(truth[0]), (0.1, 0.05)), broken)
+    live = np.asarray(state.poses)[: int(state.num_live)]
+    assert np.isfinite(live).all()
+    assert int(info.flags) != 0
+    assert np.hypot(*(np.asarray(info.estimate.mean)[:2] - truth[0, :2])) < 0.15
+
+
+def test_weights_that_are_all_zero_do_not_end_it(drive, amcl):
+    _, prepared, truth = drive
+
+    class Nothing(type(amcl.scan_model)):
+        def log_likelihoods(self, *arguments):
+            return jnp.full(arguments[3].shape[0], -jnp.inf)
+
+    nothing = dataclasses.replace(amcl, scan_model=Nothing())
+    state, info = steps(nothing, start_at(amcl, KEY, tuple(truth[0]), (0.1, 0.05)), at(prepared, 3))
+    assert np.isfinite(np.asarray(info.estimate.mean)).all()
+    assert 1 <= int(state.num_live) <= 8192
+    assert float(jnp.sum(jnp.exp(state.log_weights))) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_the_set_grows_by_one_stage_at_a_time(amcl):
+    assert amcl._sizes() == [1024, 8192]
+    assert dataclasses.replace(amcl, max_particles=100_000)._sizes() == [1562, 12500, 100_000]
+    assert dataclasses.replace(amcl, max_particles=300)._sizes() == [300]
+
+
+def test_random_particles_come_in_the_right_share(amcl):
+    poses = jnp.tile(jnp.asarray([[3.0, 2.0, 0.5]], jnp.float32), (8192, 1))
+    weights = jnp.full(8192, 1 / 8192)
+    drawn, count, is_random = jax.jit(lambda a: a._draw(KEY, poses, weights, jnp.float32(0.3), 8192))(amcl)
+    here = np.all(np.asarray(drawn) == np.asarray(poses[0]), axis=1)
+    np.testing.assert_array_equal(here, ~np.asarray(is_random))
+    # Three deviations of a binomial of 8192.
+    assert np.mean(~here) == pytest.approx(0.3, abs=3 * np.sqrt(0.21 / 8192))
+    assert int(count) > 200
+
+
+def test_resampling_is_unbiased(amcl):
+    poses = jnp.stack([jnp.arange(4.0) + 1.0, jnp.full(4, 2.0), jnp.zeros(4)], axis=1)
+    weights = jnp.asarray([0.1, 0.2, 0.3, 0.4])
+    drawn, _, _ = jax.jit(lambda a: a._draw(KEY, poses, weights, jnp.float32(0.0), 8192))(amcl)
+    shares = np.array([np.mean(np.asarray(drawn)[:, 0] == x) for x in (1, 2, 3, 4)])
+    np.testing.assert_allclose(shares, weights, atol=3 * np.sqrt(0.25 / 8192))
+
+
+def test_settled_elsewhere():
+    odometry = np.stack([np.arange(5.0), np.zeros(5), np.zeros(5)], axis=1)
+    turned = np.stack([np.zeros(5), np.arange(5.0), np.full(5, np.pi / 2)], axis=1)
+    assert settled_elsewhere(turned, odometry).tolist() == []
+    jumped = turned.copy()
+    jumped[3:, 0] += 4.0
+    assert settled_elsewhere(jumped, odometry).tolist() == [3]
+    spun = turned.copy()
+    spun[4, 2] += np.pi
+    assert settled_elsewhere(spun, odometry).tolist() == [4]
+    assert settled_elsewhere(turned[:1], odometry[:1]).tolist() == []
+
+
+@pytest.mark.parametrize(
+    ("pose", "message"),
+    [
+        ((500.0, 0.0, 0.0), r"is not on the map, which is 19 × 16 m from \(-0.5, -0.5\)"),
+        (WALL, "is in a wall"),
+        ((-0.3, -0.3, 0.0), "where the map knows nothing"),
+    ],
+)
+def test_a_start_that_cannot_be_is_refused(amcl, pose, message):
+    with pytest.raises(ValueError, match=message):
+        start_at(amcl, KEY, pose, (0.1, 0.1))
+
+
+def test_one_compilation_serves_every_float(drive, amcl):
+    _, prepared, truth = drive
+    state = start_at(amcl, KEY, tuple(truth[0]), (0.1, 0.05))
+    step = jax.jit(lambda one, key, state, inputs: one.step(key, state, inputs))
+    changed = eqx.tree_at(
+        lambda a: (a.recovery.slow, a.sampling.error, a.resample_below), amcl, (0.02, 0.1, 0.8)
+    )
+    for one in (amcl, changed):
+        step(one, KEY, state, at(prepared, 3))
+    assert step._cache_size() == 1

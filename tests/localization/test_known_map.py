@@ -1,0 +1,77 @@
+"""Distances, free space and frames of a known map, upright and turned."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.ndimage import distance_transform_edt
+
+from jaxslam.grid.distance import distance_to_nearest
+from jaxslam.io import OccupancyMap
+from jaxslam.localization import KnownMap
+from tests.localization.worlds import room
+
+ORIGINS = {"upright": (1.0, -2.0, 0.0), "turned": (1.0, -2.0, 0.7), "upside down": (0.0, 0.0, np.pi)}
+
+
+@pytest.mark.parametrize(("shape", "reach"), [((1, 1), 3), ((5, 9), 40), ((31, 18), 4), ((40, 7), 100)])
+def test_distance_is_scipys(shape, reach):
+    random = np.random.default_rng(2)
+    occupied = random.random(shape) < 0.05
+    occupied[-1, 0] = True
+    truth = np.minimum(distance_transform_edt(~occupied), reach)
+    found = jax.jit(distance_to_nearest)(jnp.asarray(occupied), reach)
+    np.testing.assert_allclose(found, truth, rtol=1e-5)
+
+
+def test_distance_without_an_obstacle_is_the_reach():
+    np.testing.assert_array_equal(distance_to_nearest(jnp.zeros((4, 6), bool), 3), 3.0)
+
+
+def test_map_has_a_border_of_nothing():
+    known = KnownMap.of(room(), max_distance=2.0)
+    distance = np.asarray(known.distance)
+    assert distance.shape == (8, 10)
+    assert (distance[[0, -1]] == 2.0).all()
+    assert (distance[:, [0, -1]] == 2.0).all()
+    # The middle of the room: cell (2, 3) is two cells from the lower wall.
+    assert distance[3, 4] == pytest.approx(1.0)
+    assert distance[1, 1] == 0.0
+
+
+@pytest.mark.parametrize("origin", ORIGINS.values(), ids=ORIGINS.keys())
+def test_free_poses_are_free_and_cover_all(origin):
+    known = KnownMap.of(room(origin=origin))
+    poses = known.draw_free(jax.random.key(0), 4000)
+    assert bool(jnp.all(jax.vmap(known.is_free)(poses)))
+    cells = np.floor(np.asarray(known.in_cells(poses))[:, :2]).astype(int)
+    found, counts = np.unique(cells, axis=0, return_counts=True)
+    assert len(found) == 23
+    # 23 cells, 174 each: six deviations of a binomial either way.
+    assert counts.min() > 174 - 6 * np.sqrt(174)
+    assert counts.max() < 174 + 6 * np.sqrt(174)
+    heading = np.histogram(np.asarray(poses)[:, 2], bins=8, range=(-np.pi, np.pi))[0]
+    assert heading.min() > 500 - 6 * np.sqrt(500)
+
+
+def test_a_turned_map_turns_the_world():
+    known = KnownMap.of(room(origin=(1.0, -2.0, np.pi / 2)))
+    # A metre along the map's x axis is one up in the world.
+    cells = known.in_cells(jnp.asarray([[1.0, -1.0, np.pi / 2]], jnp.float32))
+    np.testing.assert_allclose(cells, [[2.0, 0.0, 0.0]], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("point", "free"), [((1.2, 1.2), True), ((0.2, 0.2), False), ((-1.0, 1.0), False), ((9.0, 1.0), False)]
+)
+def test_free_or_not(point, free):
+    known = KnownMap.of(room())
+    assert bool(known.is_free(jnp.asarray([*point, 0.3], jnp.float32))) == free
+
+
+def test_maps_that_nobody_can_be_in_are_refused():
+    cells = np.zeros((3, 3), bool)
+    with pytest.raises(ValueError, match="no occupied cell"):
+        KnownMap.of(OccupancyMap(cells, ~cells, 0.1, np.zeros(3)))
+    with pytest.raises(ValueError, match="no free cell, so there is nowhere for the robot to be"):
+        KnownMap.of(OccupancyMap(~cells, cells, 0.1, np.zeros(3)))

@@ -1,0 +1,150 @@
+"""Scan models on known maps: values by hand, turned maps, beam skipping, both combinations."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxslam.localization import BeamModel, BeamSkipping, FieldModel, KnownMap
+from jaxslam.localization.scan_model import share_on_map
+from jaxslam.sensor.beam import Beam
+from jaxslam.types import LidarScan
+from tests.localization.worlds import room
+
+YES, NO = jnp.asarray(True), jnp.asarray(False)
+
+
+def scan_of(ranges, angles_from=-np.pi / 2, step=np.pi / 2, lidar=(0.0, 0.0, 0.0)):
+    """Beams to the right, ahead and to the left unless said otherwise; 0 is no return."""
+    ranges = jnp.asarray(ranges, jnp.float32)
+    return LidarScan(
+        ranges=ranges,
+        valid=ranges > 0,
+        angle_min=jnp.float32(angles_from),
+        angle_increment=jnp.float32(step),
+        pose_base_lidar=jnp.asarray(lidar, jnp.float32),
+    )
+
+
+def log_likelihood(model, known, scan, pose, converged=NO):
+    poses = jnp.asarray([pose], jnp.float32)
+    found = model.log_likelihoods(model.prepare(known), known, scan, poses, jnp.ones(1, bool), converged)
+    return float(found[0])
+
+
+def beam(distance, sigma=0.2, z_hit=0.95, z_rand=0.05):
+    return (z_hit * np.exp(-0.5 * (distance / sigma) ** 2) + z_rand) / (z_hit + z_rand)
+
+
+# In the middle of cell (2, 2); walls are cells 0 and 7 along x, 0 and 5 along y.
+POSE = (1.25, 1.25, 0.0)
+
+
+def test_product_by_hand():
+    known = KnownMap.of(room())
+    model = FieldModel(sigma_hit=0.5, independent_beams=6.0)
+    # Ahead into the wall cell (7), right half a metre short of its wall (0), left in the room's middle.
+    scan = scan_of([0.5, 2.5, 0.5])
+    expected = np.log([beam(0.5, 0.5), beam(0.0, 0.5), beam(1.0, 0.5)]).mean() * 6.0
+    assert log_likelihood(model, known, scan, POSE) == pytest.approx(expected, rel=1e-4)
+
+
+def test_cubes_by_hand():
+    known = KnownMap.of(room())
+    model = FieldModel(sigma_hit=0.5, z_hit=0.5, z_rand=0.5, max_range=10.0, combine="cubes")
+    each = [0.5 * np.exp(-0.5 * (d / 0.5) ** 2) + 0.05 for d in (0.5, 0.0, 1.0)]
+    expected = np.log(1 + np.sum(np.power(each, 3)))
+    assert log_likelihood(model, known, scan_of([0.5, 2.5, 0.5]), POSE) == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("origin", [(3.0, -7.0, 0.0), (0.0, 0.0, 1.1), (-4.0, 2.0, -2.5)])
+@pytest.mark.parametrize("model", [FieldModel(), FieldModel(combine="cubes"), BeamModel(Beam(10.0))])
+def test_map_and_robot_moved_together_change_nothing(origin, model):
+    from jaxslam import se2
+
+    scan = scan_of([0.9, 2.2, 1.1], lidar=(0.1, -0.05, 0.2))
+    here = log_likelihood(model, KnownMap.of(room()), scan, POSE)
+    moved = se2.compose(jnp.asarray(origin, jnp.float32), jnp.asarray(POSE, jnp.float32))
+    there = log_likelihood(model, KnownMap.of(room(origin=origin)), scan, moved)
+    assert there == pytest.approx(here, rel=1e-3, abs=1e-4)
+
+
+@pytest.mark.parametrize("model", [FieldModel(), FieldModel(combine="cubes"), BeamModel(Beam(10.0))])
+def test_the_right_place_is_the_likeliest(model):
+    known = KnownMap.of(room())
+    scan = scan_of([1.0, 2.5, 1.5])
+    right = log_likelihood(model, known, scan, POSE)
+    assert right > log_likelihood(model, known, scan, (2.25, 1.25, 0.0))
+    assert right > log_likelihood(model, known, scan, (1.25, 1.25, np.pi))
+
+
+def test_beams_off_the_map_and_odd_poses_are_harmless():
+    known = KnownMap.of(room())
+    far = log_likelihood(FieldModel(independent_beams=1.0), known, scan_of([500.0, 500.0, 500.0]), POSE)
+    assert far == pytest.approx(np.log(0.05), rel=1e-3)
+    for pose in [(1e6, -1e6, 0.0), (np.nan, 1.0, 0.0), (1.0, np.inf, 0.0), (1.0, 1.0, np.nan)]:
+        found = log_likelihood(FieldModel(), known, scan_of([1.0, 2.5, 1.5]), pose)
+        assert found <= 0.0 or np.isnan(found)
+
+
+def test_a_scan_without_a_return_says_nothing():
+    known = KnownMap.of(room())
+    assert log_likelihood(FieldModel(), known, scan_of([0.0, 0.0, 0.0]), POSE) == 0.0
+    assert np.isnan(float(share_on_map(known, scan_of([0.0, 0.0, 0.0]), jnp.asarray(POSE, jnp.float32), 0.3)))
+
+
+def test_more_beams_do_not_make_a_scan_say_more():
+    known = KnownMap.of(room())
+    angles = np.linspace(-0.2, 0.2, 61)
+    scan = scan_of(np.full(61, 2.0), angles[0], angles[1] - angles[0])
+    few, many = (log_likelihood(FieldModel(max_beams=n), known, scan, POSE) for n in (5, 61))
+    assert few == pytest.approx(many, rel=0.05)
+
+
+def test_share_on_the_map():
+    known = KnownMap.of(room())
+    found = share_on_map(known, scan_of([0.5, 2.5, 1.5]), jnp.asarray(POSE, jnp.float32), 0.3)
+    assert float(found) == pytest.approx(2 / 3)
+
+
+def test_skipping_leaves_out_what_nobody_explains():
+    skipping = BeamSkipping(near=0.5, min_share=0.3, max_skipped=0.9, enabled=True)
+    shares = jnp.asarray([0.9, 0.1, 0.4, 0.0])
+    valid = jnp.asarray([True, True, True, False])
+    np.testing.assert_array_equal(skipping.kept(shares, valid, YES), [True, False, True, False])
+    # Not before the particles agree, and not where nearly nothing would be left.
+    np.testing.assert_array_equal(skipping.kept(shares, valid, NO), valid)
+    np.testing.assert_array_equal(skipping.kept(0.1 * shares, valid, YES), valid)
+
+
+def test_skipping_takes_a_passer_by_out_of_the_score():
+    known = KnownMap.of(room())
+    clean, disturbed = scan_of([1.0, 2.5, 1.5]), scan_of([1.0, 0.9, 1.5])
+    model = FieldModel(skipping=BeamSkipping(near=0.4, enabled=True))
+    score = log_likelihood(model, known, disturbed, POSE, YES)
+    assert score == pytest.approx(log_likelihood(model, known, clean, POSE, YES), abs=1e-4)
+    assert log_likelihood(FieldModel(), known, disturbed, POSE, YES) < score - 1.0
+
+
+def test_the_sum_over_beams_is_that_of_single_look_ups():
+    known = KnownMap.of(room())
+    model = FieldModel(independent_beams=7.0)
+    table = np.asarray(model.prepare(known)).reshape(8, 10)
+    scan = scan_of(np.linspace(0.2, 3.0, 7), -1.5, 0.5)
+    poses = np.random.default_rng(0).uniform([0.6, 0.6, -3], [3.4, 2.4, 3], (50, 3)).astype(np.float32)
+    found = jax.jit(lambda p: model.log_likelihoods(model.prepare(known), known, scan, p, p[:, 0] > 0, NO))(
+        poses
+    )
+    angles = poses[:, 2:] + (-1.5 + 0.5 * np.arange(7))
+    x = poses[:, :1] + np.linspace(0.2, 3.0, 7) * np.cos(angles)
+    y = poses[:, 1:2] + np.linspace(0.2, 3.0, 7) * np.sin(angles)
+    column = np.clip(np.floor(x / 0.5 + 1), 0, 9).astype(int)
+    row = np.clip(np.floor(y / 0.5 + 1), 0, 7).astype(int)
+    np.testing.assert_allclose(found, table[row, column].mean(axis=1) * 7.0, rtol=1e-4)
+
+
+def test_bad_settings_are_refused():
+    with pytest.raises(ValueError, match="product"):
+        FieldModel(combine="sum")
+    with pytest.raises(ValueError, match="sigma_hit"):
+        FieldModel(sigma_hit=0.0)

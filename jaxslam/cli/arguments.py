@@ -81,9 +81,9 @@ class Demo:
     out: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: runs/demo-s<seed>)")] = None
     """Folder for the results; made if it is not there, overwritten file by file if it is."""
     world: Annotated[str, arg(metavar="NAME")] = "hall_small"
-    """Which world: hall_small (18 × 15 m) or hall_large (24 × 23 m)."""
+    """Which world: hall_small (18 × 15 m), hall_large (24 × 23 m) or roadway (71 × 26 m, of a coal mine)."""
     duration: float = 200.0
-    """Seconds driven; a tour of either hall takes nearly 200."""
+    """Seconds driven; a tour of either hall takes nearly 200, one of the roadway 190."""
     seed: int = 0
     """Seed of the simulation and of the filter, 0 to 4294967295."""
     method: MethodName = None

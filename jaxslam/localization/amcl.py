@@ -12,8 +12,8 @@ from jaxslam import se2
 from jaxslam.checks import require_at_least_zero
 from jaxslam.flags import Flag
 from jaxslam.linalg import cholesky
-from jaxslam.localization.estimate import Cluster, Clustering
-from jaxslam.localization.kld import Bins, KLDSampling, heaviest_bin
+from jaxslam.localization.estimate import Cluster, Clustering, heaviest_particle
+from jaxslam.localization.kld import Bins, KLDSampling
 from jaxslam.localization.known_map import KnownMap
 from jaxslam.localization.recovery import Averages, Recovery
 from jaxslam.localization.scan_model import AbstractScanModel, share_on_map
@@ -22,8 +22,9 @@ from jaxslam.resampling.ess import effective_sample_size, normalise
 from jaxslam.resampling.fixed_point import cumulative_weights, pick
 from jaxslam.types import StepInputs
 
-_STAGES = 8
-"""Between the sizes of particle set that are compiled: a set of 500 need not pay for 50 000."""
+_STAGE, _NUM_STAGES, _SMALLEST = 4, 4, 512
+"""Between the sizes of particle set that are compiled, how many there are, and the least: a set of 500 need not
+pay for 100 000."""
 
 
 class AMCLState(eqx.Module):
@@ -96,9 +97,9 @@ class AMCL(eqx.Module):
     """Monte-Carlo localisation with an adaptive number of particles.
 
     Pass it to `jax.jit` as an argument: its floats are traced, its sizes static. The particle set has room
-    for `max_particles`; those that live come first. A step works on the smallest of three sizes of set that
-    holds the live ones, and resampling makes at most the next larger one of it: from 500 to 50 000 particles
-    it takes two steps, after a kidnapping, say.
+    for `max_particles`; those that live come first. A step works on the smallest of four sizes of set that
+    holds the live ones, and resampling makes at most the next larger one of it: from 500 to 100 000 particles
+    it takes three steps, after a kidnapping, say.
 
     Attributes:
         known: the map.
@@ -181,8 +182,8 @@ class AMCL(eqx.Module):
     def _sizes(self) -> list[int]:
         """Sizes of particle set that are compiled, ascending, the last with room for all."""
         sizes = [self.max_particles]
-        while len(sizes) < 3 and sizes[0] // _STAGES >= 512:
-            sizes.insert(0, sizes[0] // _STAGES)
+        while len(sizes) < _NUM_STAGES and sizes[0] // _STAGE >= _SMALLEST:
+            sizes.insert(0, sizes[0] // _STAGE)
         return sizes
 
     def _step_of(
@@ -222,18 +223,18 @@ class AMCL(eqx.Module):
         random_share = jnp.where(enough, self.recovery.share(averages), 0.0)
         is_due = ess < self.resample_below * num_live.astype(jnp.float32)
         resampled = enough & (is_due | (random_share > 0.0))
-        drawn, num_drawn, is_random = self._draw(key_draw, moved, weights, random_share, size_after)
-        kept = jnp.zeros((size_after, 3), jnp.float32).at[:size].set(moved)
-        num_after = jnp.where(resampled, num_drawn, num_live)
-        uniform = jnp.full(size_after, -jnp.log(num_drawn.astype(jnp.float32)))
-        as_before = jnp.full(size_after, -jnp.inf).at[:size].set(log_weights)
-        after = jnp.where(resampled, uniform, as_before)
-        after = jnp.where(jnp.arange(size_after) < num_after, after, -jnp.inf)
-
+        num_next, next_poses, next_log_weights, num_random = jax.lax.cond(
+            resampled,
+            partial(self._resample, size_after),
+            partial(_keep, size_after),
+            (key_draw, moved, log_weights, num_live, random_share),
+        )
+        dead = jnp.arange(size_after) >= num_next
+        next_log_weights = jnp.where(dead, -jnp.inf, next_log_weights)
         state = AMCLState(
-            poses=state.poses.at[:size_after].set(jnp.where(resampled, drawn, kept)),
-            log_weights=jnp.full(self.max_particles, -jnp.inf).at[:size_after].set(after),
-            num_live=num_after,
+            poses=state.poses.at[:size_after].set(next_poses),
+            log_weights=jnp.full(self.max_particles, -jnp.inf).at[:size_after].set(next_log_weights),
+            num_live=num_next,
             averages=averages,
             converged=converged & ~lost,
             num_steps=state.num_steps + 1,
@@ -244,9 +245,7 @@ class AMCL(eqx.Module):
         info = AMCLInfo(
             estimate=estimate,
             num_live=num_live,
-            num_random=jnp.where(
-                resampled, jnp.sum(is_random & (jnp.arange(size_after) < num_drawn), dtype=jnp.int32), 0
-            ),
+            num_random=num_random,
             ess=ess,
             resampled=resampled,
             converged=converged,
@@ -258,32 +257,45 @@ class AMCL(eqx.Module):
 
     def _estimate(self, poses: Float[Array, "n 3"], weights: Float[Array, "n"]) -> Cluster:
         bins = self.bins.index(self.known, poses)
-        heaviest = heaviest_bin(bins, weights, self.bins.count)
-        # From the heaviest particle of the heaviest bin, and not from the bin's centre, which may be empty.
-        start = poses[jnp.argmax(jnp.where(bins == heaviest, weights, -1.0))]
+        start = heaviest_particle(poses, weights, bins, self.bins.count)
         return self.clustering.around(poses, weights, start)
 
-    def _draw(
-        self,
-        key: PRNGKeyArray,
-        poses: Float[Array, "n 3"],
-        weights: Float[Array, "n"],
-        random_share: Float[Array, ""],
-        count: int,
-    ) -> tuple[Float[Array, "count 3"], Int[Array, ""], Bool[Array, "count"]]:
-        """Particles by weight or from the whole map, one independent of the other.
+    def _resample(
+        self, count: int, particles: "_Particles"
+    ) -> tuple[Int[Array, ""], Float[Array, "count 3"], Float[Array, "count"], Int[Array, ""]]:
+        """As many particles as are needed, by weight or from the whole map, one independent of the other.
 
         Returns:
-            `[count, 3]` poses; how many of the first of them are enough; which are from the whole map.
+            How many; `[count, 3]` poses and `[count]` log-weights, of which so many count; and how many of
+            them are from the whole map.
         """
+        key, poses, log_weights, _, random_share = particles
         key_pick, key_which, key_random = jax.random.split(key, 3)
-        cumulative = cumulative_weights(weights)
+        cumulative = cumulative_weights(jnp.exp(log_weights))
         positions = jax.random.randint(key_pick, (count,), jnp.uint32(0), cumulative[-1], jnp.uint32)
         picked = poses[pick(cumulative, positions)]
         is_random = jax.random.uniform(key_which, (count,), jnp.float32) < random_share
         drawn = jnp.where(is_random[:, None], self.known.draw_free(key_random, count), picked)
         bins = self.bins.index(self.known, drawn)
-        return drawn, self.sampling.num_needed(bins, self.bins.count), is_random
+        num_needed = self.sampling.num_needed(bins, self.bins.count)
+        num_random = jnp.sum(is_random & (jnp.arange(count) < num_needed), dtype=jnp.int32)
+        uniform = jnp.full(count, -jnp.log(num_needed.astype(jnp.float32)))
+        return num_needed, drawn, uniform, num_random
+
+
+_Particles = tuple[PRNGKeyArray, Float[Array, "n 3"], Float[Array, "n"], Int[Array, ""], Float[Array, ""]]
+"""A key, poses and log-weights, how many live, and the share of random ones."""
+
+
+def _keep(
+    count: int, particles: _Particles
+) -> tuple[Int[Array, ""], Float[Array, "count 3"], Float[Array, "count"], Int[Array, ""]]:
+    """The particles as they are, with room for `count`."""
+    _, poses, log_weights, num_live, _ = particles
+    size = poses.shape[0]
+    room = jnp.zeros((count, 3), jnp.float32).at[:size].set(poses)
+    weights = jnp.full(count, -jnp.inf).at[:size].set(log_weights)
+    return num_live, room, weights, jnp.zeros((), jnp.int32)
 
 
 def run(amcl: AMCL, key: PRNGKeyArray, state: AMCLState, inputs: StepInputs) -> tuple[AMCLState, AMCLInfo]:

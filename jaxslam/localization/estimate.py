@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from jaxslam import se2
 from jaxslam.checks import require_at_least_zero
@@ -26,6 +26,22 @@ class Cluster(eqx.Module):
     def deviation(self) -> Float[Array, "*batch"]:
         """Standard deviation of the position: root of the sum of both variances, metres."""
         return jnp.sqrt(self.covariance[..., 0, 0] + self.covariance[..., 1, 1])
+
+
+def heaviest_particle(
+    poses: Float[Array, "N 3"], weights: Float[Array, "N"], bins: Int[Array, "N"], num_bins: int
+) -> Float[Array, "3"]:
+    """The heaviest particle of the heaviest bin: a start that is no lonely one with a lucky scan.
+
+    Args:
+        poses: `[N, 3]` (m, m, rad, world frame).
+        weights: `[N]`; 0 for those that do not count.
+        bins: `[N]` of each.
+        num_bins: how many there are (static).
+    """
+    totals = jax.ops.segment_sum(weights, bins, num_bins)[bins]
+    in_heaviest = totals >= jnp.max(totals)
+    return poses[jnp.argmax(jnp.where(in_heaviest, weights, -1.0))]
 
 
 class Clustering(eqx.Module):

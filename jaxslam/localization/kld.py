@@ -1,7 +1,6 @@
 """KLD sampling: as many particles as the spread of the belief needs."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -113,15 +112,3 @@ class KLDSampling(eqx.Module):
         occupied = jnp.cumsum(is_new.astype(jnp.int32), dtype=jnp.int32)
         enough = (order + 1).astype(jnp.float32) >= self.bound(occupied)
         return jnp.where(jnp.any(enough), jnp.argmax(enough).astype(jnp.int32) + 1, jnp.int32(count))
-
-
-def occupied_bins(bins: Int[Array, "N"], live: Bool[Array, "N"], num_bins: int) -> Int[Array, ""]:
-    """How many bins hold a live particle."""
-    hit = jnp.zeros(num_bins, bool).at[bins].max(live)
-    return jnp.sum(hit, dtype=jnp.int32)
-
-
-def heaviest_bin(bins: Int[Array, "N"], weights: Float[Array, "N"], num_bins: int) -> Int[Array, ""]:
-    """The bin with most of the weight, the first of equals."""
-    totals = jax.ops.segment_sum(weights, bins, num_bins)
-    return jnp.argmax(totals).astype(jnp.int32)

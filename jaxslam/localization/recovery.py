@@ -52,7 +52,7 @@ class Recovery(eqx.Module):
     slow: float | Float[Array, ""] = 0.01
     fast: float | Float[Array, ""] = 0.2
     root: float | Float[Array, ""] = 10.0
-    drop: float | Float[Array, ""] = 0.6
+    drop: float | Float[Array, ""] = 0.85
 
     def __check_init__(self):
         require_at_least_zero(self, positive=("root", "drop"))

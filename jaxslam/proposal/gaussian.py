@@ -20,7 +20,7 @@ from jaxslam.types import StepInputs
 
 
 class GaussianProposal(AbstractProposal):
-    r"""Mine (16)–(22): $x \sim N(\mu, \Sigma)$ around $x^* = \arg\max p(z|x,m)\,p(x|x_{t-1},u)$, $w \propto \eta$.
+    r"""Mine (16)–(22): a pose from the Gaussian of the scan's likelihood around its mode, weighed by $\eta$.
 
     Where the match explains too few of the beams, the particle goes where the motion model says and its step
     is flagged `MATCH_FAILED`.

@@ -12,6 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Float64, PRNGKeyArray
 
+from jaxslam.sim.roadway import roadway
 from jaxslam.sim.world import World, box, disc, place, polyline
 
 
@@ -148,6 +149,7 @@ def random_hall(key: PRNGKeyArray) -> tuple[World, Float64[np.ndarray, "W 2"]]:
 WORLDS: dict[str, Callable[[], tuple[World, Float64[np.ndarray, "W 2"]]]] = {
     "hall_small": hall_small,
     "hall_large": hall_large,
+    "roadway": roadway,
 }
 
 

@@ -13,6 +13,7 @@ from jaxslam.localization import AMCL, run
 from jaxslam.localization_configuration import LocalizationConfiguration, build_localizer
 from jaxslam.localize import localize_log, settled_elsewhere, start_at
 from jaxslam.motion import OmnidirectionalMotion
+from jaxslam.resampling import normalise
 from jaxslam.settings import update
 from jaxslam.sim import sick, simulate, to_log
 from tests.localization.worlds import hall_map
@@ -159,27 +160,35 @@ def test_weights_that_are_all_zero_do_not_end_it(drive, amcl):
 
 
 def test_the_set_grows_by_one_stage_at_a_time(amcl):
-    assert amcl._sizes() == [1024, 8192]
-    assert dataclasses.replace(amcl, max_particles=100_000)._sizes() == [1562, 12500, 100_000]
+    assert amcl._sizes() == [512, 2048, 8192]
+    assert dataclasses.replace(amcl, max_particles=100_000)._sizes() == [1562, 6250, 25_000, 100_000]
     assert dataclasses.replace(amcl, max_particles=300)._sizes() == [300]
+
+
+def resampled(amcl, poses, log_weights, random_share):
+    """How many, all that were drawn, and how many of those that count are random."""
+    particles = (KEY, poses, normalise(log_weights), jnp.int32(poses.shape[0]), jnp.float32(random_share))
+    count, drawn, log_weights, num_random = jax.jit(lambda a, p: a._resample(8192, p))(amcl, particles)
+    np.testing.assert_allclose(log_weights, -np.log(int(count)), rtol=1e-6)
+    return int(count), np.asarray(drawn), int(num_random)
 
 
 def test_random_particles_come_in_the_right_share(amcl):
     poses = jnp.tile(jnp.asarray([[3.0, 2.0, 0.5]], jnp.float32), (8192, 1))
-    weights = jnp.full(8192, 1 / 8192)
-    drawn, count, is_random = jax.jit(lambda a: a._draw(KEY, poses, weights, jnp.float32(0.3), 8192))(amcl)
-    here = np.all(np.asarray(drawn) == np.asarray(poses[0]), axis=1)
-    np.testing.assert_array_equal(here, ~np.asarray(is_random))
+    count, drawn, num_random = resampled(amcl, poses, jnp.zeros(8192), 0.3)
+    random = np.any(drawn != np.asarray(poses[0]), axis=1)
     # Three deviations of a binomial of 8192.
-    assert np.mean(~here) == pytest.approx(0.3, abs=3 * np.sqrt(0.21 / 8192))
-    assert int(count) > 200
+    assert np.mean(random) == pytest.approx(0.3, abs=3 * np.sqrt(0.21 / 8192))
+    assert count > 200
+    assert num_random == random[:count].sum()
 
 
 def test_resampling_is_unbiased(amcl):
     poses = jnp.stack([jnp.arange(4.0) + 1.0, jnp.full(4, 2.0), jnp.zeros(4)], axis=1)
     weights = jnp.asarray([0.1, 0.2, 0.3, 0.4])
-    drawn, _, _ = jax.jit(lambda a: a._draw(KEY, poses, weights, jnp.float32(0.0), 8192))(amcl)
-    shares = np.array([np.mean(np.asarray(drawn)[:, 0] == x) for x in (1, 2, 3, 4)])
+    _, drawn, num_random = resampled(amcl, poses, jnp.log(weights), 0.0)
+    assert num_random == 0
+    shares = np.array([np.mean(drawn[:, 0] == x) for x in (1, 2, 3, 4)])
     np.testing.assert_allclose(shares, weights, atol=3 * np.sqrt(0.25 / 8192))
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from jaxslam.localization import Clustering
+from jaxslam.localization.estimate import heaviest_particle
 
 
 def cloud(key, mean, deviations, count):
@@ -65,3 +66,10 @@ def test_without_weight_it_stays_finite():
     found = Clustering().around(jnp.zeros((3, 3)), jnp.zeros(3), jnp.ones(3))
     assert bool(jnp.all(jnp.isfinite(found.mean)))
     assert float(found.weight) == 0.0
+
+
+def test_the_start_is_where_most_of_the_weight_is_and_not_the_heaviest_particle():
+    poses = jnp.asarray([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [9.0, 0.0, 0.0]])
+    weights = jnp.asarray([0.2, 0.22, 0.2, 0.38])
+    found = heaviest_particle(poses, weights, jnp.asarray([0, 0, 0, 2], jnp.int32), 3)
+    np.testing.assert_allclose(found, poses[1])

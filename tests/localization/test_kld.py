@@ -7,7 +7,6 @@ import pytest
 from scipy.stats import chi2, norm
 
 from jaxslam.localization import Bins, KLDSampling, KnownMap
-from jaxslam.localization.kld import heaviest_bin
 from tests.localization.worlds import room
 
 SAMPLING = KLDSampling(error=0.05, quantile=2.326, min_particles=2.0)
@@ -72,11 +71,6 @@ def test_bins_tell_places_and_headings_apart():
     found = np.asarray(bins.index(known, same))
     assert (found[:2] == index[0]).all()
     assert 0 <= found[2] < bins.count
-
-
-def test_heaviest_bin_is_by_weight_and_not_by_count():
-    bins = jnp.asarray([0, 0, 0, 2], jnp.int32)
-    assert int(heaviest_bin(bins, jnp.asarray([0.1, 0.1, 0.1, 0.7]), 3)) == 2
 
 
 def test_bound_can_be_traced():

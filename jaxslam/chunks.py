@@ -44,6 +44,7 @@ def advance(
     tuned: bool,
     progress: str | None = None,
     look: Callable[[Any, list[Any]], None] | None = None,
+    every: int = CHUNK,
 ) -> Advanced:
     """Runs a filter over all inputs; step `t` uses `fold_in(key, t)`.
 
@@ -54,7 +55,8 @@ def advance(
         inputs: leaves stacked over time, `[T, ...]`.
         tuned: compile with `compiler_options`, which suit maps and not look-ups of many particles.
         progress: what is being done, for a bar on stderr (needs tqdm); None for no bar.
-        look: called with the state and the infos so far every `CHUNK` scans; it may raise.
+        look: called with the state and the infos so far; it may raise.
+        every: so many scans, at most CHUNK.
     """
     total = inputs.scan.ranges.shape[0]
     inputs, infos, run_s = _padded(inputs, total), [], 0.0
@@ -64,8 +66,8 @@ def advance(
     state, _ = jax.block_until_ready(program(filter_, key, state, inputs, 0, 0))
     compile_s = time.perf_counter() - started
     bar = None if progress is None else _progress_bar(total, progress)
-    for first in range(0, total, CHUNK):
-        count = min(CHUNK, total - first)
+    for first in range(0, total, every):
+        count = min(every, total - first)
         started = time.perf_counter()
         state, chunk = jax.block_until_ready(program(filter_, key, state, inputs, first, count))
         run_s += time.perf_counter() - started

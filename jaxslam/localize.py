@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int, PRNGKeyArray
 
-from jaxslam.chunks import advance
+from jaxslam.chunks import CHUNK, advance
 from jaxslam.flags import Flag
 from jaxslam.inputs import PreparedInputs
 from jaxslam.io.poses import compose_poses, relative_poses, wrap_angle
@@ -16,6 +16,9 @@ from jaxslam.localization import AMCL, AMCLInfo, AMCLState
 
 _MOVED, _TURNED = 1.0, np.pi / 6
 """An estimate that jumps so far, metres or radians, past what the odometry says has settled elsewhere."""
+
+_CLOUD_EVERY = 3
+"""Scans between two clouds: particles move faster than a map grows."""
 
 
 @dataclass(frozen=True)
@@ -176,7 +179,7 @@ def localize_log(
         state: from `start_at`, `AMCL.init` or `AMCL.init_global`; it is consumed.
         prepared: from `prepare_inputs`.
         progress: show a progress bar on stderr (needs tqdm).
-        on_chunk: called with the state of affairs now and then.
+        on_chunk: called with the state of affairs every few scans.
     """
 
     def look(state: AMCLState, infos: list[AMCLInfo]) -> None:
@@ -193,6 +196,7 @@ def localize_log(
         tuned=False,
         progress="localising" if progress else None,
         look=look,
+        every=CHUNK if on_chunk is None else _CLOUD_EVERY,
     )
     estimates = advanced.infos.estimate.mean.astype(float)
     last = np.searchsorted(prepared.scan_index, prepared.all_index, side="right") - 1

@@ -23,8 +23,8 @@ from jaxslam.resampling.fixed_point import cumulative_weights, pick
 from jaxslam.types import StepInputs
 
 _STAGE, _NUM_STAGES, _SMALLEST = 4, 4, 512
-"""Between the sizes of particle set that are compiled, how many there are, and the least: a set of 500 need not
-pay for 100 000."""
+"""Between the sizes of particle set that are compiled, how many there are, and the least: a set of 500 need
+not pay for 100 000."""
 
 
 class AMCLState(eqx.Module):
@@ -233,7 +233,9 @@ class AMCL(eqx.Module):
         next_log_weights = jnp.where(dead, -jnp.inf, next_log_weights)
         state = AMCLState(
             poses=state.poses.at[:size_after].set(next_poses),
-            log_weights=jnp.full(self.max_particles, -jnp.inf).at[:size_after].set(next_log_weights),
+            log_weights=jnp.full(self.max_particles, -jnp.inf, jnp.float32)
+            .at[:size_after]
+            .set(next_log_weights),
             num_live=num_next,
             averages=averages,
             converged=converged & ~lost,
@@ -294,7 +296,7 @@ def _keep(
     _, poses, log_weights, num_live, _ = particles
     size = poses.shape[0]
     room = jnp.zeros((count, 3), jnp.float32).at[:size].set(poses)
-    weights = jnp.full(count, -jnp.inf).at[:size].set(log_weights)
+    weights = jnp.full(count, -jnp.inf, jnp.float32).at[:size].set(log_weights)
     return num_live, room, weights, jnp.zeros((), jnp.int32)
 
 

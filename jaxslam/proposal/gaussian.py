@@ -1,6 +1,5 @@
 """The second paper's proposal: scan matching finds the mode, a Gaussian around it is drawn from."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
@@ -59,9 +58,8 @@ class GaussianProposal(AbstractProposal):
         sensor: AbstractSensorModel,
     ) -> Proposed:
         """Matches, fits a Gaussian to the poses around the match, and draws from it."""
-        key_match, key_fit, key_draw, key_fall_back = jax.random.split(key, 4)
         # (16)
-        matched = self.matcher.sample(key_match, pose, inputs, field, motion, sensor)
+        matched = self.matcher.sample(key, pose, inputs, field, motion, sensor)
         ends = scan_points(inputs.scan, self.matcher.max_beams)
         enough = (matched.flags & Flag.FEW_VALID_BEAMS.value) == 0
         failed = ~enough | (share_explained(field.fine, ends, matched.pose) < self.failed_below)
@@ -70,19 +68,22 @@ class GaussianProposal(AbstractProposal):
         predicted = se2.compose(pose, inputs.odometry.delta)
         prior = self.matcher.prior.about(motion, inputs.odometry, predicted)
         judge = Judge(field, inputs.scan, sensor, prior, self.odometry_weight * self.matcher.prior_score)
-        around = self.around.fit(
-            key_fit, lambda x: self.sharpness * judge.candidate(x).score, matched.pose, ends
-        )
-        drawn = around.sample(key_draw)
 
-        fallen_back = motion.sample(key_fall_back, pose, inputs.odometry)
+        def log_value(x: Float[Array, "3"]) -> Float[Array, ""]:
+            return self.sharpness * judge.candidate(x).score
+
+        around = self.around.fit(jax.random.fold_in(key, 1), log_value, matched.pose, ends)
+        drawn = around.sample(jax.random.fold_in(key, 2))
+
+        fallen_back = motion.sample(key, pose, inputs.odometry)
+        chosen = jnp.where(failed, fallen_back, drawn)
+        log_likelihood = sensor.log_prob(field, inputs.scan, chosen)
+        # (22): likelihood and ratio make η.
+        log_ratio = jnp.where(failed, 0.0, around.log_eta / self.sharpness - log_likelihood)
         flag = jnp.where(enough & failed, Flag.MATCH_FAILED.value, 0)
-        one = Proposed(
-            pose=jnp.where(failed, fallen_back, drawn),
-            # (22)
-            log_likelihood=around.log_eta / self.sharpness,
-            log_ratio=jnp.zeros((), jnp.float32),
+        return Proposed(
+            pose=chosen,
+            log_likelihood=log_likelihood,
+            log_ratio=log_ratio,
             flags=(matched.flags | flag).astype(jnp.int32),
         )
-        at_random = sensor.log_prob(field, inputs.scan, fallen_back)
-        return eqx.tree_at(lambda p: p.log_likelihood, one, jnp.where(failed, at_random, one.log_likelihood))

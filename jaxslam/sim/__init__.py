@@ -5,6 +5,7 @@ from jaxslam.sim.lidar import LIDARS, Lidar, lds_01, lds_02, rplidar_a1, sick, u
 from jaxslam.sim.odometry import Odometry, OdometryErrors, WheelOdometry
 from jaxslam.sim.raster import observable, rasterise, reachable
 from jaxslam.sim.raycast import cast_rays, cast_scan
+from jaxslam.sim.roadway import Roadway, build_roadway, random_roadway, roadway
 from jaxslam.sim.robot import Drive, Robot, drive, start_pose
 from jaxslam.sim.simulate import Simulation, sample_times, simulate, to_log
 from jaxslam.sim.world import World, box, disc, leg_clearances, place, polyline
@@ -19,11 +20,13 @@ __all__ = [
     "Lidar",
     "Odometry",
     "OdometryErrors",
+    "Roadway",
     "Robot",
     "Simulation",
     "WheelOdometry",
     "World",
     "box",
+    "build_roadway",
     "cast_rays",
     "cast_scan",
     "disc",
@@ -38,8 +41,10 @@ __all__ = [
     "place",
     "polyline",
     "random_hall",
+    "random_roadway",
     "rasterise",
     "reachable",
+    "roadway",
     "rplidar_a1",
     "sample_times",
     "sick",

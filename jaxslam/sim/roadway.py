@@ -50,15 +50,14 @@ def random_roadway(key: PRNGKeyArray) -> tuple[World, Float64[np.ndarray, "W 2"]
     rng = np.random.default_rng(np.asarray(jax.random.key_data(key)))
     length, width = rng.uniform(62, 80), rng.uniform(3.6, 4.6)
     middle = length * rng.uniform(0.4, 0.6)
+    stub_below = middle * rng.uniform(0.35, 0.7)
+    stub_above = middle + (length - middle) * rng.uniform(0.3, 0.6)
     plan = Roadway(
         length=length,
         spacing=rng.uniform(12, 18),
         width=width,
         cross_cuts=(width / 2, middle, length - width / 2),
-        stubs=(
-            (middle * rng.uniform(0.35, 0.7), -1),
-            (middle + (length - middle) * rng.uniform(0.3, 0.6), 1),
-        ),
+        stubs=((stub_below, -1), (stub_above, 1)),
         roughness=rng.uniform(0.1, 0.2),
         support_spacing=rng.uniform(1.2, 1.8),
         bend=rng.uniform(0.0, 0.8),

@@ -218,6 +218,20 @@ def test_a_start_that_cannot_be_is_refused(amcl, pose, message):
         start_at(amcl, KEY, pose, (0.1, 0.1))
 
 
+def test_states_go_round_without_compiling_again(drive, amcl):
+    """A weak type in a state that comes out would make the next call another program."""
+    _, prepared, truth = drive
+    state = start_at(amcl, KEY, tuple(truth[0]), (0.1, 0.05))
+    after, info = jax.eval_shape(AMCL.step, amcl, KEY, state, at(prepared, 3))
+    described = [
+        [(leaf.shape, leaf.dtype, leaf.weak_type) for leaf in jax.tree.leaves(tree)]
+        for tree in (state, after, info, jax.eval_shape(lambda: amcl.blank_infos(1)))
+    ]
+    assert described[0] == described[1]
+    assert [(1, *shape) for shape, _, _ in described[2]] == [shape for shape, _, _ in described[3]]
+    assert [rest for _, *rest in described[2]] == [rest for _, *rest in described[3]]
+
+
 def test_one_compilation_serves_every_float(drive, amcl):
     _, prepared, truth = drive
     state = start_at(amcl, KEY, tuple(truth[0]), (0.1, 0.05))

@@ -12,7 +12,13 @@ from jaxslam import se2
 from jaxslam.flags import Flag
 from jaxslam.motion import GaussianMotion, OdometryMotion
 from jaxslam.optimise import FruitFlies
-from jaxslam.proposal import AbstractProposal, FruitFlyProposal, MatchedProposal, MotionProposal
+from jaxslam.proposal import (
+    AbstractProposal,
+    FruitFlyProposal,
+    GaussianProposal,
+    MatchedProposal,
+    MotionProposal,
+)
 from jaxslam.sensor import LikelihoodField, field_of_map
 from jaxslam.types import LidarScan, OdometryIncrement, StepInputs
 
@@ -20,6 +26,7 @@ NUM_BEAMS = 36
 PROPOSALS = {
     "motion": MotionProposal(),
     "matched": MatchedProposal(max_beams=NUM_BEAMS),
+    "gaussian": GaussianProposal(matcher=MatchedProposal(max_beams=NUM_BEAMS)),
     "fruit_fly": FruitFlyProposal(max_beams=NUM_BEAMS, flies=FruitFlies(8, 4)),
     "fruit_fly_density": FruitFlyProposal(max_beams=NUM_BEAMS, flies=FruitFlies(8, 4), weight="density"),
     "fruit_fly_together": FruitFlyProposal(max_beams=NUM_BEAMS, flies=FruitFlies(8, 4), swarm="particles"),
@@ -135,7 +142,9 @@ def test_draws_lie_around_the_truth_and_differ(proposal):
     assert not np.asarray(proposed.flags).any()
 
 
-@pytest.mark.parametrize("matching", ["matched", "fruit_fly", "fruit_fly_density", "fruit_fly_together"])
+@pytest.mark.parametrize(
+    "matching", ["matched", "gaussian", "fruit_fly", "fruit_fly_density", "fruit_fly_together"]
+)
 def test_matching_brings_the_draws_together_at_the_truth(matching):
     keys, poses = jax.random.split(jax.random.key(3), 16), jnp.tile(POSE[None], (16, 1))
     drawn, matched = (
@@ -200,7 +209,7 @@ def test_a_swarm_of_particles_is_no_worse_than_none():
     assert np.abs(np.asarray(se2.wrap(with_flies.pose[:, 2] - without.pose[:, 2]))).max() < 0.35
 
 
-@pytest.mark.parametrize("matching", ["matched", "fruit_fly"])
+@pytest.mark.parametrize("matching", ["matched", "gaussian", "fruit_fly"])
 def test_a_scan_corrects_odometry_that_claims_to_be_better_than_the_map(matching):
     """An increment that is 3 cm off and says that it is good to 2 mm, as a biased one may."""
     inputs = inputs_of()
@@ -218,6 +227,30 @@ def test_weights_by_the_density_undo_where_the_draws_lie():
     proposed = sample_many(proposal, keys, poses, inputs_of())
     weights = np.asarray(proposed.log_likelihood + proposed.log_ratio)
     assert weights.std() < np.asarray(proposed.log_ratio).std()
+
+
+def test_the_gaussian_weighs_by_eta():
+    """Mine (22): the weight is that of the mode's surroundings, whichever pose was drawn there."""
+    keys, poses = jax.random.split(jax.random.key(8), 64), jnp.tile(POSE[None], (64, 1))
+    proposal = dataclasses.replace(PROPOSALS["gaussian"], odometry_weight=jnp.float32(0.0))
+    proposed = sample_many(proposal, keys, poses, inputs_of())
+    likelihood, eta = (
+        np.asarray(proposed.log_likelihood),
+        np.asarray(proposed.log_likelihood + proposed.log_ratio),
+    )
+    # A mean of likelihoods that a sharp one dominates: near the best, and no draw's own.
+    assert eta.max() <= likelihood.max() + 0.5
+    assert eta.min() > likelihood.min() - 1.5
+    assert abs(np.corrcoef(likelihood, eta)[0, 1]) < 0.6
+
+
+def test_a_match_that_fails_falls_back_to_the_motion_model():
+    proposal = dataclasses.replace(PROPOSALS["gaussian"], failed_below=1.1)
+    key = jax.random.key(5)
+    proposed = sample(proposal, key, POSE, inputs_of())
+    np.testing.assert_allclose(proposed.pose, MOTION.sample(key, POSE, inputs_of().odometry), atol=1e-6)
+    assert int(proposed.flags) == Flag.MATCH_FAILED
+    assert float(proposed.log_ratio) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from jaxslam.sim import (
-    WORLDS,
     World,
     box,
     disc,
@@ -15,6 +14,8 @@ from jaxslam.sim import (
     make_world,
     polyline,
     random_hall,
+    random_roadway,
+    roadway,
 )
 
 
@@ -68,7 +69,7 @@ def test_halls_have_the_size_of_paper_1(builder, size) -> None:
     np.testing.assert_array_equal(upper, size)
 
 
-@pytest.mark.parametrize("name", WORLDS)
+@pytest.mark.parametrize("name", ["hall_small", "hall_large"])
 def test_halls_are_not_self_similar(name: str) -> None:
     """Turned by half a turn, or mirrored, a hall does not look like itself."""
     world, _ = make_world(name)
@@ -99,6 +100,31 @@ def test_random_halls_follow_their_key() -> None:
     first, again, other = (random_hall(jax.random.key(seed))[0] for seed in (5, 5, 6))
     np.testing.assert_array_equal(first.segments, again.segments)
     assert not np.array_equal(first.segments, other.segments)
+
+
+def test_the_roadway_is_long_and_its_loop_clear() -> None:
+    world, tour = roadway()
+    lower, upper = world.bounds()
+    assert upper[0] - lower[0] == pytest.approx(71, abs=0.5)
+    assert np.linalg.norm(np.roll(tour, -1, axis=0) - tour, axis=1).sum() > 150
+    assert leg_clearances(np.asarray(world.segments, float), tour).min() > 1.2
+    again = roadway()[0]
+    np.testing.assert_array_equal(world.segments, again.segments)
+
+
+def test_the_roadway_looks_alike_along_its_drifts() -> None:
+    """Legs of supports stand every 1.5 m on both sides; that is what makes it hard."""
+    legs = np.asarray(roadway()[0].segments)
+    legs = legs[np.linalg.norm(legs[:, 2:] - legs[:, :2], axis=1) < 0.17]
+    assert len(legs) / 4 > 150
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_random_roadways_are_valid(seed: int) -> None:
+    world, tour = random_roadway(jax.random.key(seed))
+    assert leg_clearances(np.asarray(world.segments, float), tour).min() > 0.8
+    other, _ = random_roadway(jax.random.key(seed + 100))
+    assert not np.array_equal(world.bounds()[1], other.bounds()[1])
 
 
 def test_unknown_world_names_the_nearest() -> None:

@@ -18,7 +18,7 @@ LidarName = Annotated[
     str | None, arg(metavar="NAME", help_behavior_hint="(default: chosen by the log's scans)")
 ]
 MethodName = Annotated[
-    str | None, arg(metavar="rbpf|gmapping|fruit-fly", help_behavior_hint="(default: gmapping)")
+    str | None, arg(metavar="rbpf|gmapping|fruit-fly|gaussian", help_behavior_hint="(default: gmapping)")
 ]
 Assignments = Annotated[
     UseAppendAction[tuple[str, ...]], arg(metavar="NAME=VALUE", help_behavior_hint="(default: none)")
@@ -36,7 +36,7 @@ class Run:
     """The log file, or the folder of a ROS 2 bag."""
     method: MethodName = None
     """rbpf moves the particles by odometry alone; gmapping matches every scan to every particle's map;
-    fruit-fly aligns it by ICP and lets a swarm look for a better pose."""
+    fruit-fly aligns it by ICP and lets a swarm look for a better pose; gaussian draws around the match."""
     particles: Particles = None
     """Number of particles, each with a map of its own."""
     seed: int = 0
@@ -87,7 +87,7 @@ class Demo:
     seed: int = 0
     """Seed of the simulation and of the filter, 0 to 4294967295."""
     method: MethodName = None
-    """rbpf, gmapping or fruit-fly, as for `run`."""
+    """rbpf, gmapping, fruit-fly or gaussian, as for `run`."""
     particles: Annotated[str, arg(metavar="N")] = "15"
     """Number of particles, each with a map of its own."""
     set: Assignments = ()
@@ -155,7 +155,7 @@ class Config:
     """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01 or lds-02."""
     method: MethodName = None
     """rbpf moves the particles by odometry alone; gmapping matches every scan to every particle's map;
-    fruit-fly aligns it by ICP and lets a swarm look for a better pose."""
+    fruit-fly aligns it by ICP and lets a swarm look for a better pose; gaussian draws around the match."""
     particles: Particles = None
     """Number of particles, each with a map of its own."""
     config: File = None

@@ -142,6 +142,12 @@ def _kept(folder: Path, cell: Cell) -> Arrays | None:
         return dict(stored)
 
 
+def stack_seeds(rows: Sequence[Arrays]) -> Arrays:
+    """The arrays of several seeds, seeds first; those named `one_…` are the first seed's alone."""
+    stacked = {name: np.stack([row[name] for row in rows]) for name in rows[0] if not name.startswith("one_")}
+    return stacked | {name: value for name, value in rows[0].items() if name.startswith("one_")}
+
+
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table in Markdown."""
     lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]

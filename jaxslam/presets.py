@@ -50,6 +50,8 @@ PRESETS: dict[str, LidarPreset] = {
         LidarPreset("rplidar-a1", 6.0, 0.15, 6.0, (6.0, 12.0), (360,), 2 * math.pi, 5.5, 1 / 5.5),
         LidarPreset("lds-01", 3.5, 0.12, 3.5, (3.5,), (360,), 2 * math.pi, 5.0, 0.2),
         LidarPreset("lds-02", 8.0, 0.16, 8.0, (8.0,), (240, 260), 2 * math.pi, 9.0, 1 / 9),
+        # One ring of it.
+        LidarPreset("vlp-16", 16.0, 0.5, 100.0, (100.0,), (900, 1800), 2 * math.pi, 10.0, 0.1),
     )
 }
 

@@ -50,7 +50,7 @@ class Run:
     set: Assignments = ()
     """Settings by name, such as sensor.sigma_hit=0.1, any number of them; they come last."""
     lidar: LidarName = None
-    """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01 or lds-02."""
+    """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01, lds-02 or vlp-16."""
     map_margin: Margin = None
     """Room around the odometry's path beyond the lidar's usable range, metres."""
     scan_topic: Topic = None
@@ -120,7 +120,7 @@ class Localize:
     set: Assignments = ()
     """Settings by name, such as scan_model.sigma_hit=0.1, any number of them; they come last."""
     lidar: LidarName = None
-    """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01 or lds-02."""
+    """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01, lds-02 or vlp-16."""
     scan_topic: Topic = None
     """Of a bag: topic of the laser scans."""
     odom_topic: Topic = None
@@ -152,7 +152,7 @@ class Config:
     """Print the configuration as TOML, every setting with its unit: for a file to give to `run --config`."""
 
     lidar: LidarName = None
-    """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01 or lds-02."""
+    """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01, lds-02 or vlp-16."""
     method: MethodName = None
     """rbpf moves the particles by odometry alone; gmapping matches every scan to every particle's map;
     fruit-fly aligns it by ICP and lets a swarm look for a better pose; gaussian draws around the match."""

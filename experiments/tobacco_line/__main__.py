@@ -2,20 +2,19 @@
 
 import json
 from collections.abc import Sequence
-from pathlib import Path
 
 from experiments.harness import (
     Arrays,
     Cell,
-    Options,
     compute,
     markdown_table,
     parse_options,
     spread_over_seeds,
 )
+from experiments.timing import milliseconds_per_scan
 from experiments.tobacco_line.figures import DRAWN, draw_clouds, draw_errors, draw_maps
 from experiments.tobacco_line.methods import ABLATION, COMPARED, EQUAL, Method, evaluations
-from experiments.tobacco_line.runs import METHODS, run_cell, time_methods
+from experiments.tobacco_line.runs import METHODS, drive, run_cell
 from jaxslam.report import versions
 from jaxslam.settings import flatten
 
@@ -34,7 +33,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     duration = SMOKE_DURATION if options.smoke else DURATION
     cells = [_cell(world, name, duration, options.seeds) for world in worlds for name in names]
     results = compute(cells, run_cell, options)
-    times = _times(names, min(duration, TIMED_FOR), options)
+    timed_for = min(duration, TIMED_FOR)
+    times = milliseconds_per_scan(names, lambda name: drive(WORLDS[0], 0, timed_for, name)[1], options)
     for world in worlds:
         draw_maps(options.out / f"{world}-maps.png", world, results)
         draw_errors(options.out / f"{world}-errors.png", world, results)
@@ -58,18 +58,6 @@ def _cell(world: str, name: str, duration: float, seeds: int) -> Cell:
         "configuration": flatten(METHODS[name].configuration()),
     }
     return Cell(f"{world}-{name}", settings)
-
-
-def _times(names: list[str], duration: float, options: Options) -> dict[str, float]:
-    """Measured after all else, in one process that has the machine to itself; kept like the cells."""
-    path: Path = options.out / "raw" / "times.json"
-    if path.exists() and not options.fresh:
-        kept = json.loads(path.read_text())
-        if set(kept) == set(names):
-            return kept
-    times = time_methods(names, WORLDS[0], duration, rounds=1 if options.smoke else 5)
-    path.write_text(json.dumps(times, indent=1) + "\n")
-    return times
 
 
 def _tables(world: str, names: list[str], results: dict[str, Arrays], times: dict[str, float]) -> list[str]:

@@ -72,14 +72,3 @@ def _run_seed(settings, seed: int) -> Arrays:
         "one_clouds": particles[kept],
         "one_cloud_truth": truth[kept],
     }
-
-
-def time_methods(names: list[str], world: str, duration: float, rounds: int = 5) -> dict[str, float]:
-    """Milliseconds per scan of each method, the median of rounds that take turns in one process."""
-    ready = {name: drive(world, 0, duration, name)[1] for name in names}
-    taken: dict[str, list[float]] = {name: [] for name in names}
-    # The first round compiles.
-    for _ in range(rounds + 1):
-        for name, prepared in ready.items():
-            taken[name].append(run_log(prepared.slam, jax.random.key(0), prepared.inputs).ms_per_scan)
-    return {name: float(np.median(times[1:])) for name, times in taken.items()}

@@ -1,0 +1,73 @@
+"""The second paper's experiment, on a drive of a few metres, and its measures by hand."""
+
+import json
+
+import numpy as np
+
+from experiments.coal_mine.__main__ import main
+from experiments.coal_mine.localising import BEFORE, choose_rows
+from experiments.coal_mine.mapping import length_error
+from experiments.coal_mine.methods import DRAWN, MAPPED
+from experiments.measures import ancestors_left, mean_pose
+
+
+def test_it_runs_and_writes_tables_and_figures(tmp_path):
+    main(["--smoke", "--out", str(tmp_path)])
+    table = (tmp_path / "table.md").read_text()
+    # Two tables with a head each; two methods and three tasks.
+    assert table.count("\n| ") == 2 + len(DRAWN) + 3
+    assert "nan" not in table
+    for figure in ("maps", "particles", "localisation"):
+        assert (tmp_path / f"{figure}.png").stat().st_size > 20_000
+    with np.load(tmp_path / "raw/map-optimised-15.npz") as cell:
+        assert cell["position_rmse"].shape == (2,)
+        assert cell["position_rmse"].max() < 0.3
+        assert cell["width_error"].max() < 0.3
+        assert 1 <= cell["least_ancestors"].min() <= 15
+    with np.load(tmp_path / "raw/tracking-true.npz") as cell:
+        assert cell["rmse"].max() < 0.15
+    assert set(json.loads((tmp_path / "raw/times.json").read_text())) == set(DRAWN)
+
+
+def test_every_method_is_what_its_name_says():
+    for name, method in MAPPED.items():
+        configuration = method.configuration()
+        assert configuration.num_particles == method.particles == int(name.rpartition("-")[2])
+        assert configuration.method == method.method
+        assert configuration.lidar.name == "vlp-16"
+
+
+def test_trials_are_made_of_the_right_steps():
+    truth = np.stack([np.arange(400.0) * 0.2, np.zeros(400), np.zeros(400)], axis=1)
+    rng = np.random.default_rng(0)
+    np.testing.assert_array_equal(choose_rows("tracking", truth, 150, rng), np.arange(400))
+    for _ in range(20):
+        rows = choose_rows("global", truth, 150, rng)
+        assert len(rows) == 150
+        assert (np.diff(rows) == 1).all()
+        assert rows[-1] < 400
+        rows = choose_rows("kidnapped", truth, 150, rng)
+        assert len(rows) == BEFORE + 150
+        assert abs(truth[rows[BEFORE - 1], 0] - truth[rows[BEFORE], 0]) > 5.0
+        assert np.flatnonzero(np.diff(rows) != 1).tolist() in ([BEFORE - 1], [])
+
+
+def test_length_error_is_between_the_ends():
+    truth = np.array([[0.0, 0.0, 0.0], [50.0, 0.0, 0.0], [70.0, 0.0, 0.0], [30.0, 16.0, 0.0]])
+    assert length_error(truth * [1.01, 1.0, 1.0], truth) == np.float64(70.0 * 1.01 - 70.0)
+
+
+def test_ancestors_by_hand():
+    identity = np.arange(4)
+    ancestors = np.array([identity, [0, 0, 1, 1], identity, [2, 2, 2, 3]])
+    resampled = np.array([False, True, False, True])
+    np.testing.assert_array_equal(ancestors_left(ancestors, resampled, 10), [4, 2, 2, 1])
+    # Over the last step alone.
+    np.testing.assert_array_equal(ancestors_left(ancestors, resampled, 1), [4, 2, 4, 2])
+
+
+def test_mean_pose_takes_headings_as_directions():
+    particles = np.array([[[0.0, 0.0, np.pi - 0.1], [2.0, 0.0, -np.pi + 0.1]]])
+    found = mean_pose(particles, np.array([[0.5, 0.5]]))
+    np.testing.assert_allclose(found[0, :2], [1.0, 0.0], atol=1e-12)
+    assert abs(abs(found[0, 2]) - np.pi) < 1e-9

@@ -27,6 +27,7 @@ class LidarPreset:
         field_of_view: radians.
         rate: scans per second.
         turn_time: of a whole turn, over which the beams of a scan are taken one by one, seconds.
+        planar: whether it gives planar scans by itself; what is cut from a cloud cannot be told by its looks.
     """
 
     name: str
@@ -38,6 +39,7 @@ class LidarPreset:
     field_of_view: float
     rate: float
     turn_time: float
+    planar: bool = True
 
 
 # Ranges, beams and rates: the makers' data sheets. The SICK reaches 80 m, but at 16 m its beams are 28 cm
@@ -51,7 +53,7 @@ PRESETS: dict[str, LidarPreset] = {
         LidarPreset("lds-01", 3.5, 0.12, 3.5, (3.5,), (360,), 2 * math.pi, 5.0, 0.2),
         LidarPreset("lds-02", 8.0, 0.16, 8.0, (8.0,), (240, 260), 2 * math.pi, 9.0, 1 / 9),
         # One ring of it.
-        LidarPreset("vlp-16", 16.0, 0.5, 100.0, (100.0,), (900, 1800), 2 * math.pi, 10.0, 0.1),
+        LidarPreset("vlp-16", 16.0, 0.5, 100.0, (100.0,), (900, 1800), 2 * math.pi, 10.0, 0.1, False),
     )
 }
 
@@ -87,7 +89,7 @@ def detect_lidar(log: SensorLog) -> LidarPreset:
     """
     if log.scans is None or len(log.scans.stamps) == 0:
         raise LogError(f"{log.path}: no laser scans in it, so there is nothing to map (see `jaxslam info`)")
-    costs = {name: _cost(preset, log.scans) for name, preset in PRESETS.items()}
+    costs = {name: _cost(preset, log.scans) for name, preset in PRESETS.items() if preset.planar}
     name = min(costs, key=lambda name: costs[name])
     return PRESETS[name] if costs[name] <= _MAX_COST else _generic(log.scans)
 

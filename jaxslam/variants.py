@@ -23,6 +23,8 @@ from jaxslam.resampling import (
     SystematicResampler,
 )
 from jaxslam.sensor.base import AbstractSensorModel
+from jaxslam.sensor.beam import Beam
+from jaxslam.sensor.endpoint import Endpoint
 from jaxslam.sensor.likelihood_field import LikelihoodField
 
 VARIANTS: dict[type[eqx.Module], dict[str, type[eqx.Module]]] = {
@@ -34,6 +36,8 @@ VARIANTS: dict[type[eqx.Module], dict[str, type[eqx.Module]]] = {
     },
     AbstractSensorModel: {
         "likelihood_field": LikelihoodField,
+        "beam": Beam,
+        "endpoint": Endpoint,
     },
     AbstractScanModel: {
         "field": FieldModel,

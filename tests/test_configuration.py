@@ -13,6 +13,7 @@ from jaxslam.configuration import METHODS, Configuration, LidarSettings, build, 
 from jaxslam.inputs import Thinning
 from jaxslam.io import LogError, read_log
 from jaxslam.io.log import ScanTrack, SensorLog
+from jaxslam.localization_configuration import LocalizationConfiguration
 from jaxslam.presets import PRESETS, detect_lidar, lidar_preset
 from jaxslam.proposal.motion import MotionProposal
 from jaxslam.resampling import ResidualResampler
@@ -63,20 +64,28 @@ def test_unusual_differs_everywhere():
     assert same <= {"sensor.kind", "proposal.kind"}
 
 
+PLACES = {
+    Configuration: ("motion", "sensor", "proposal", "resampling.scheme"),
+    LocalizationConfiguration: ("scan_model",),
+}
+
+
 @pytest.mark.parametrize(("base", "name"), [(base, name) for base in VARIANTS for name in VARIANTS[base]])
 def test_every_variant_round_trips(base, name, tmp_path):
-    place = next(
-        place
-        for place in ("motion", "sensor", "proposal", "resampling.scheme")
-        if isinstance(_part(Configuration(), place), base)
+    whole, place = next(
+        (whole, place)
+        for whole, places in PLACES.items()
+        for place in places
+        if isinstance(_part(whole(), place), base)
     )
-    configuration = update(Configuration(), {place: name})
+    configuration = update(whole(), {place: name})
     assert type(_part(configuration, place)) is VARIANTS[base][name]
     toml.save(tmp_path / "c.toml", configuration)
-    assert equal(toml.load(tmp_path / "c.toml"), configuration)
+    read = toml.apply(tmp_path / "c.toml", toml.read_settings(tmp_path / "c.toml"), whole())
+    assert equal(read, configuration)
 
 
-def _part(configuration: Configuration, place: str) -> object:
+def _part(configuration: object, place: str) -> object:
     part: object = configuration
     for name in place.split("."):
         part = getattr(part, name)

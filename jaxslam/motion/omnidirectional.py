@@ -87,7 +87,8 @@ class OmnidirectionalMotion(AbstractMotionModel):
         )
         return jnp.stack(
             [
-                jnp.zeros_like(heading),
+                # Its root has no slope at 0.
+                jnp.full_like(heading, 1e-12),
                 self.translation_noise_from_translation * translation + from_rotation,
                 self.strafe_noise_from_translation * translation + from_rotation,
                 heading,
@@ -98,9 +99,11 @@ class OmnidirectionalMotion(AbstractMotionModel):
 def _along_its_way(odometry: OdometryIncrement):
     """The increment `[3]` as a function of noise `[4]` on its way, across it and on the heading."""
     x, y, theta = odometry.delta
-    length = jnp.hypot(x, y)
+    squared = x * x + y * y
+    moves = squared > 0.0
+    length = jnp.where(moves, jnp.sqrt(jnp.where(moves, squared, 1.0)), 0.0)
     # A robot that stands has no direction: any will do.
-    direction = jnp.where(length > 0.0, jnp.arctan2(y, jnp.where(length > 0.0, x, 1.0)), 0.0)
+    direction = jnp.where(moves, jnp.arctan2(y, jnp.where(moves, x, 1.0)), 0.0)
 
     def noisy_increment(noise: Float[Array, "4"]) -> Float[Array, "3"]:
         translation = jnp.stack([length + noise[ALONG], noise[ACROSS]])

@@ -44,7 +44,7 @@ class Beam(AbstractSensorModel):
         2 m are expected, the log density of reading 2 m is 1.1707, of 1 m −3.3535 and of 5 m −4.6052.
     """
 
-    max_range: float | Float[Array, ""]
+    max_range: float | Float[Array, ""] = 80.0
     sigma_hit: float | Float[Array, ""] = 0.1
     z_hit: float | Float[Array, ""] = 0.75
     z_short: float | Float[Array, ""] = 0.1

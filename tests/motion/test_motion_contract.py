@@ -8,18 +8,26 @@ import pytest
 
 import jaxslam.motion
 from jaxslam import se2
-from jaxslam.motion import AbstractMotionModel, GaussianMotion, OdometryMotion, VelocityMotion
+from jaxslam.motion import (
+    AbstractMotionModel,
+    GaussianMotion,
+    OdometryMotion,
+    OmnidirectionalMotion,
+    VelocityMotion,
+)
 from jaxslam.types import OdometryIncrement
 
 MODELS = {
     "odometry": OdometryMotion(),
     "velocity": VelocityMotion(),
+    "omnidirectional": OmnidirectionalMotion(),
     "gaussian": GaussianMotion(),
 }
 # The noise a fifth of the default's: second-order terms fall below the sampling error.
 QUIET_MODELS = {
     "odometry": OdometryMotion(8e-4, 4e-4, 4e-4, 1e-4, 0.001, 0.001, 0.002),
     "velocity": VelocityMotion(4e-4, 1e-4, 4e-4, 4e-4, 2e-4, 2e-4, 0.001, 0.001),
+    "omnidirectional": OmnidirectionalMotion(8e-4, 4e-4, 4e-4, 1e-4, 4e-4, 0.001, 0.001),
     "gaussian": GaussianMotion(0.04, 0.001, 0.001),
 }
 INCREMENTS = {

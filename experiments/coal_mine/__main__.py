@@ -28,6 +28,8 @@ DURATION, SMOKE_DURATION = 230.0, 12.0
 """Once round the loop of 166 m and a fifth of it again; and a few metres."""
 TIMED_FOR = 40.0
 """Seconds of the drive that the methods are timed on."""
+BEFORE = 60
+"""Updates that a robot is tracked for before it is carried off."""
 TASKS = ("tracking", "global", "kidnapped")
 
 
@@ -83,6 +85,7 @@ def _localising_cell(task: str, which: str, options: Options) -> Cell:
         "duration": _duration(options),
         "seeds": options.seeds if task == "tracking" else 1 if options.smoke else 5,
         "trials": 1 if task == "tracking" else 2 if options.smoke else 10,
+        "before": 10 if options.smoke else BEFORE,
         "steps": 20 if options.smoke else 150,
         "configuration": flatten(LocalizationConfiguration()),
     }
@@ -134,7 +137,7 @@ LOCALISING_HEADER = (
 
 def _localising_row(task: str, which: str, cell: Arrays) -> list[str]:
     found, after = cell["found"].ravel(), cell["found_after"].ravel()
-    after = after - (localising.BEFORE if task == "kidnapped" else 0)
+    after = after - (BEFORE if task == "kidnapped" else 0)
     return [
         task,
         which,

@@ -24,8 +24,6 @@ from jaxslam.sim import to_log
 from jaxslam.types import StepInputs
 
 FOUND_WITHIN, FOUND_WITHIN_RADIANS = 0.5, np.deg2rad(10.0)
-BEFORE = 60
-"""Steps that a robot is tracked for before it is carried off."""
 _CARRIED = 5.0
 """How far at least, metres."""
 _SETTLED = 10
@@ -49,7 +47,7 @@ def _run_seed(settings, seed: int, run_program) -> Arrays:
     amcl = build_localizer(configuration, known_map(settings["world"], settings["duration"], settings["map"]))
     rng, trials = np.random.default_rng(seed), []
     for trial in range(settings["trials"]):
-        rows = choose_rows(settings["task"], truth, settings["steps"], rng)
+        rows = choose_rows(settings["task"], truth, settings["before"], settings["steps"], rng)
         key = jax.random.fold_in(jax.random.key(seed), trial)
         inputs, true = _inputs_at(prepared.inputs, rows), truth[rows]
         if settings["task"] == "global":
@@ -59,6 +57,10 @@ def _run_seed(settings, seed: int, run_program) -> Arrays:
             state = jax.jit(AMCL.init)(amcl, key, jnp.asarray(true[0], jnp.float32), covariance)
         _, infos = run_program(amcl, jax.random.fold_in(key, 1), state, inputs)
         trials.append(_measured(infos, true))
+    if settings["task"] == "tracking":
+        # Drives are processed in more or fewer steps.
+        trials = [{**trial, "live": np.median(trial["live"])} for trial in trials]
+        trials = [{name: trial[name] for name in trial if np.ndim(trial[name]) == 0} for trial in trials]
     return {name: np.stack([trial[name] for trial in trials]) for name in trials[0]}
 
 
@@ -79,15 +81,16 @@ def known_map(world_name: str, duration: float, which: str) -> OccupancyMap:
 
 
 def choose_rows(
-    task: str, truth: Float64[np.ndarray, "T 3"], steps: int, rng: np.random.Generator
+    task: str, truth: Float64[np.ndarray, "T 3"], before: int, steps: int, rng: np.random.Generator
 ) -> Int[np.ndarray, "_"]:
     """Which steps of a drive a trial is made of.
 
     Args:
-        task: "tracking": all of them; "global": `steps` from anywhere; "kidnapped": `BEFORE` and then
+        task: "tracking": all of them; "global": `steps` from anywhere; "kidnapped": `before` and then
             `steps` from elsewhere.
         truth: `[T, 3]` true poses (m, m, rad).
-        steps: see there.
+        before: how many the robot is tracked for before it is carried off.
+        steps: how many it is looked for.
         rng: chooses.
     """
     total = len(truth)
@@ -96,9 +99,9 @@ def choose_rows(
     if task == "global":
         return rng.integers(total - steps) + np.arange(steps)
     while True:
-        first, then = rng.integers(total - BEFORE), rng.integers(total - steps)
-        if np.hypot(*(truth[first + BEFORE - 1] - truth[then])[:2]) > _CARRIED:
-            return np.r_[first : first + BEFORE, then : then + steps]
+        first, then = rng.integers(total - before), rng.integers(total - steps)
+        if np.hypot(*(truth[first + before - 1] - truth[then])[:2]) > _CARRIED:
+            return np.r_[first : first + before, then : then + steps]
 
 
 def _inputs_at(inputs: StepInputs, rows: Int[np.ndarray, "M"]) -> StepInputs:

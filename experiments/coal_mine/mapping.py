@@ -97,7 +97,7 @@ def width_error(world: World, result: RunResult, truth: Float64[np.ndarray, "T 3
     occupied = jnp.asarray(result.log_odds > 0)
     field = jax.jit(field_of_map, static_argnums=3)(occupied, result.grid.origin, result.grid.resolution, 10)
     poses = jnp.asarray(result.trajectory, jnp.float32)
-    found = np.asarray(jax.jit(jax.vmap(lambda pose: cast(field, pose, sides, _REACH)))(poses))
+    found = np.asarray(jax.jit(jax.vmap(lambda pose: cast(field.fine, pose, sides, _REACH)))(poses))
     # Not in the openings, where there is no wall to the side.
     between_walls = (true < _REACH).all(axis=1)
     error = (found - true)[between_walls].sum(axis=1)

@@ -7,7 +7,7 @@ import numpy as np
 
 from experiments.coal_mine import localising, mapping
 from experiments.coal_mine.figures import draw_localisation, draw_maps, draw_particles
-from experiments.coal_mine.methods import DRAWN, MAPPED, Method
+from experiments.coal_mine.methods import DRAWN, MAPPED
 from experiments.harness import (
     Arrays,
     Cell,
@@ -17,6 +17,7 @@ from experiments.harness import (
     parse_options,
     spread_over_seeds,
 )
+from experiments.method import Method
 from experiments.timing import milliseconds_per_scan
 from jaxslam.localization_configuration import LocalizationConfiguration
 from jaxslam.report import versions
@@ -137,7 +138,6 @@ LOCALISING_HEADER = (
 
 def _localising_row(task: str, which: str, cell: Arrays) -> list[str]:
     found, after = cell["found"].ravel(), cell["found_after"].ravel()
-    after = after - (BEFORE if task == "kidnapped" else 0)
     return [
         task,
         which,

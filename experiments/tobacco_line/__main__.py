@@ -11,9 +11,10 @@ from experiments.harness import (
     parse_options,
     spread_over_seeds,
 )
+from experiments.method import Method
 from experiments.timing import milliseconds_per_scan
 from experiments.tobacco_line.figures import DRAWN, draw_clouds, draw_errors, draw_maps
-from experiments.tobacco_line.methods import ABLATION, COMPARED, EQUAL, Method, evaluations
+from experiments.tobacco_line.methods import ABLATION, COMPARED, EQUAL, evaluations
 from experiments.tobacco_line.runs import METHODS, drive, run_cell
 from jaxslam.report import versions
 from jaxslam.settings import flatten

@@ -1,47 +1,7 @@
 """The methods compared, as configurations."""
 
-from dataclasses import dataclass
-from typing import Any
-
-from jaxslam.configuration import Configuration
-from jaxslam.presets import PRESETS
+from experiments.method import Method
 from jaxslam.proposal import FruitFlyProposal, MatchedProposal, MotionProposal
-from jaxslam.settings import update
-
-ODOMETRY_NOISE: dict[str, Any] = {
-    "motion.translation_floor": 0.005,
-    "motion.rotation_floor": 0.01,
-    "motion.rotation_noise_from_rotation": 0.01,
-    "motion.rotation_noise_from_translation": 0.001,
-    "motion.translation_noise_from_translation": 0.0004,
-    "motion.translation_noise_from_rotation": 0.0004,
-}
-"""The simulated wheels' own noise. The defaults, which suit the worst of logs, would cost the traditional
-filter a metre."""
-
-
-@dataclass(frozen=True)
-class Method:
-    """A row of the table.
-
-    Attributes:
-        title: for people.
-        method: of `jaxslam.configuration.METHODS`.
-        particles: how many.
-        changes: settings that differ from the method's defaults.
-    """
-
-    title: str
-    method: str
-    particles: int
-    changes: dict[str, Any]
-
-    def configuration(self) -> Configuration:
-        """The whole filter."""
-        base = Configuration(num_particles=self.particles).with_lidar(PRESETS["sick"])
-        chosen = update(base.with_method(self.method), ODOMETRY_NOISE, exact=True)
-        return update(chosen, self.changes, exact=True)
-
 
 _ONE_SWARM = {"proposal.swarm": "particles"}
 _STANDARD = {

@@ -133,8 +133,9 @@ def _print_summary(folder: Path, result: LocalizationResult, metrics: dict) -> N
             + f"; settled elsewhere {result.kidnapped_events} times"
         ),
         "end": f"x {x:.2f} m, y {y:.2f} m, {np.rad2deg(theta):.1f}°, ± {deviation:.2f} m",
-        "match": f"{100 * metrics['match_score']:.1f} % of the beams end on the map",
     }
+    if np.isfinite(metrics["match_score"]):
+        lines["match"] = f"{100 * metrics['match_score']:.1f} % of the beams end on the map"
     if ate := metrics.get("ate"):
         lines["error"] = (
             f"{ate['rmse_m']:.4f} m RMSE, max {ate['max_m']:.3f} m, heading {ate['rot_rmse_deg']:.2f}° "

@@ -8,6 +8,9 @@ come back lie in [−π, π). Leading axes broadcast.
 import numpy as np
 from jaxtyping import Float64, Int
 
+# Logs and relation files print stamps with few decimals, so equal times differ by rounding, seconds.
+STAMP_TOLERANCE = 1e-6
+
 
 def wrap_angle(angle: Float64[np.ndarray, "*batch"] | float) -> Float64[np.ndarray, "*batch"]:
     """Wraps angles in radians, an array or one number, into [−π, π)."""
@@ -77,6 +80,31 @@ def interpolate_poses(
     headings = np.unwrap(poses[:, 2])
     x, y, theta = (np.interp(query, stamps, track) for track in (poses[:, 0], poses[:, 1], headings))
     return np.stack([x, y, wrap_angle(theta)], axis=-1)
+
+
+def carry_on(
+    times: Float64[np.ndarray, "Q"],
+    stamps: Float64[np.ndarray, "S"],
+    poses: Float64[np.ndarray, "S 3"],
+    odometry_stamps: Float64[np.ndarray, "K"],
+    odometry_poses: Float64[np.ndarray, "K 3"],
+) -> Float64[np.ndarray, "Q 3"]:
+    """Poses at other times: the last pose at or before each, moved on by the odometry since.
+
+    Args:
+        times: `[Q]` seconds; the first pose is held before its stamp.
+        stamps: `[S]` seconds, not decreasing, S ≥ 1.
+        poses: `[S, 3]` the trajectory, any frame.
+        odometry_stamps: `[K]` seconds, not decreasing, K ≥ 1.
+        odometry_poses: `[K, 3]` integrated odometry in its own frame; held beyond its ends.
+
+    Example:
+        Pose (5, 0, 0) at 1 s, odometry at 0.5 m/s along x: (5.25, 0, 0) at 1.5 s.
+    """
+    last = np.maximum(np.searchsorted(stamps, times + STAMP_TOLERANCE, side="right") - 1, 0)
+    since = interpolate_poses(odometry_stamps, odometry_poses, stamps[last])
+    now = interpolate_poses(odometry_stamps, odometry_poses, np.maximum(times, stamps[last]))
+    return compose_poses(poses[last], relative_poses(since, now))
 
 
 def path_length(poses: Float64[np.ndarray, "M 3"]) -> float:

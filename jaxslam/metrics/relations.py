@@ -12,11 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float64
 
-from jaxslam.io.poses import compose_poses, interpolate_poses, relative_poses
+from jaxslam.io.poses import STAMP_TOLERANCE, carry_on, relative_poses
 from jaxslam.metrics.tracks import check_poses, check_stamps
-
-# Logs and relation files print stamps with few decimals, so equal times differ by rounding.
-_STAMP_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -131,37 +128,28 @@ def relation_residuals(
     _check_relations(stamps_from, stamps_to, deltas)
     track = (stamps.astype(float), poses.astype(float))
     odometry = (odometry_stamps.astype(float), odometry_poses.astype(float))
-    pose_from, covered_from = _poses_at(stamps_from.astype(float), *track, *odometry)
-    pose_to, covered_to = _poses_at(stamps_to.astype(float), *track, *odometry)
+    times_from, times_to = stamps_from.astype(float), stamps_to.astype(float)
+    pose_from, pose_to = (carry_on(times, *track, *odometry) for times in (times_from, times_to))
     error = relative_poses(deltas.astype(float), relative_poses(pose_from, pose_to))
-    used = covered_from & covered_to
+    used = _covered(times_from, track[0], odometry[0]) & _covered(times_to, track[0], odometry[0])
     translation = np.where(used, np.linalg.norm(error[:, :2], axis=1), np.nan)
     return translation, np.where(used, np.abs(error[:, 2]), np.nan)
 
 
-def _poses_at(
-    query: Float64[np.ndarray, "Q"],
+def _covered(
+    times: Float64[np.ndarray, "Q"],
     stamps: Float64[np.ndarray, "M"],
-    poses: Float64[np.ndarray, "M 3"],
     odometry_stamps: Float64[np.ndarray, "K"],
-    odometry_poses: Float64[np.ndarray, "K 3"],
-) -> tuple[Float64[np.ndarray, "Q 3"], Bool[np.ndarray, "Q"]]:
-    """Pose at each stamp, and whether trajectory and odometry cover it."""
-    last = np.searchsorted(stamps, query + _STAMP_TOLERANCE, side="right") - 1
-    inside = (last >= 0) & (query <= stamps[-1] + _STAMP_TOLERANCE)
-    last = np.maximum(last, 0)
-    since = stamps[last]
-    moved = relative_poses(
-        interpolate_poses(odometry_stamps, odometry_poses, since),
-        interpolate_poses(odometry_stamps, odometry_poses, query),
+) -> Bool[np.ndarray, "Q"]:
+    """Where there is a pose, or one before and odometry since: beyond its end it would be made up."""
+    last = np.searchsorted(stamps, times + STAMP_TOLERANCE, side="right") - 1
+    inside = (last >= 0) & (times <= stamps[-1] + STAMP_TOLERANCE)
+    since = stamps[np.maximum(last, 0)]
+    exact = np.abs(times - since) <= STAMP_TOLERANCE
+    bridged = (since >= odometry_stamps[0] - STAMP_TOLERANCE) & (
+        times <= odometry_stamps[-1] + STAMP_TOLERANCE
     )
-    # At a SLAM pose nothing has to be added; elsewhere odometry held at its end would be made up.
-    exact = np.abs(query - since) <= _STAMP_TOLERANCE
-    bridged = (since >= odometry_stamps[0] - _STAMP_TOLERANCE) & (
-        query <= odometry_stamps[-1] + _STAMP_TOLERANCE
-    )
-    moved = np.where(exact[:, None], 0.0, moved)
-    return compose_poses(poses[last], moved), inside & (exact | bridged)
+    return inside & (exact | bridged)
 
 
 def _span(*stamps: Float[np.ndarray, "_"]) -> str:

@@ -6,15 +6,13 @@ import numpy as np
 from jaxtyping import Float64
 
 from jaxslam.io.log import OdometryTrack
-from jaxslam.io.poses import compose_poses, interpolate_poses, relative_poses
+from jaxslam.io.poses import STAMP_TOLERANCE, carry_on
 from jaxslam.io.relations import Relations
 from jaxslam.metrics import TrajectoryError, absolute_trajectory_error, relation_errors
 from jaxslam.metrics.trajectory import Alignment
 
 _RELATION_KEYS = ("n", "trans_mean_m", "trans_std_m", "trans_max_m", "rot_mean_deg", "rot_std_deg")
 _TRAJECTORY_KEYS = ("rmse_m", "max_m", "rot_rmse_deg", "n")
-# Files print stamps with few decimals, so equal times differ by rounding.
-_STAMP_TOLERANCE = 1e-6
 
 
 def relation_figures(
@@ -60,8 +58,8 @@ def reference_error(
     Raises:
         ValueError: fewer than two reference poses lie within the trajectory, or stamps run backwards.
     """
-    within = (reference_stamps >= stamps[0] - _STAMP_TOLERANCE) & (
-        reference_stamps <= stamps[-1] + _STAMP_TOLERANCE
+    within = (reference_stamps >= stamps[0] - STAMP_TOLERANCE) & (
+        reference_stamps <= stamps[-1] + STAMP_TOLERANCE
     )
     count = np.count_nonzero(within)
     if count < 2:
@@ -71,27 +69,10 @@ def reference_error(
             "s): check that they belong to the same log and clock"
         )
     times = reference_stamps[within]
-    estimate = poses_at(times, stamps, poses, odometry)
+    estimate = carry_on(times, stamps, poses, odometry.stamps, odometry.poses)
     return absolute_trajectory_error(times, reference[within], times, estimate, align=align)
 
 
 def trajectory_figures(error: TrajectoryError) -> dict[str, float]:
     """The figures of `ate` in `metrics.json`."""
     return {key: asdict(error)[key] for key in _TRAJECTORY_KEYS}
-
-
-def poses_at(
-    times: Float64[np.ndarray, "Q"],
-    stamps: Float64[np.ndarray, "S"],
-    poses: Float64[np.ndarray, "S 3"],
-    odometry: OdometryTrack,
-) -> Float64[np.ndarray, "Q 3"]:
-    """Poses at other times: the last pose at or before each, moved on by the odometry since.
-
-    Example:
-        Pose (5, 0, 0) at 1 s, odometry at 0.5 m/s along x: (5.25, 0, 0) at 1.5 s.
-    """
-    last = np.maximum(np.searchsorted(stamps, times + _STAMP_TOLERANCE, side="right") - 1, 0)
-    since = interpolate_poses(odometry.stamps, odometry.poses, stamps[last])
-    now = interpolate_poses(odometry.stamps, odometry.poses, np.maximum(times, stamps[last]))
-    return compose_poses(poses[last], relative_poses(since, now))

@@ -12,7 +12,8 @@ import pytest
 
 from jaxslam.cli import main
 from jaxslam.io import read_log, read_map, read_tum, write_tum
-from jaxslam.report import default_folder, file_sha256, poses_at
+from jaxslam.io.poses import interpolate_poses
+from jaxslam.report import default_folder, file_sha256
 from jaxslam.sim import hall_small, lds_01, simulate, to_log
 
 METRICS = {
@@ -36,7 +37,7 @@ def carmen_lines() -> list[str]:
     assert log.scans is not None
     assert log.odometry is not None
     lines = []
-    poses = poses_at(log.scans.stamps, log.odometry.stamps, log.odometry.poses, log.odometry)
+    poses = interpolate_poses(log.odometry.stamps, log.odometry.poses, log.scans.stamps)
     for stamp, ranges, pose in zip(log.scans.stamps, log.scans.ranges, poses, strict=True):
         # The forward half circle of the full one.
         half = np.concatenate([ranges[270:], ranges[:91]])
@@ -70,7 +71,7 @@ def run_folder(log_file, tmp_path_factory):
     write_tum(
         folder / "reference.tum",
         times,
-        poses_at(times, log.odometry.stamps, log.odometry.poses, log.odometry),
+        interpolate_poses(log.odometry.stamps, log.odometry.poses, times),
     )
     t1, t2 = log.scans.stamps[[2, 40]]
     (folder / "a.relations").write_text(f"{t1} {t2} 5 0 0 0 0 0\n", encoding="ascii")

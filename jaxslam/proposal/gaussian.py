@@ -10,7 +10,7 @@ from jaxslam.flags import Flag
 from jaxslam.lidar.beams import scan_points
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.proposal.base import AbstractProposal, Proposed
-from jaxslam.proposal.candidate import Judge, share_explained
+from jaxslam.proposal.candidate import PriorTrust, share_explained
 from jaxslam.proposal.matched import MatchedProposal
 from jaxslam.proposal.pose_gaussian import PosesAround
 from jaxslam.sensor.base import AbstractSensorModel
@@ -27,6 +27,8 @@ class GaussianProposal(AbstractProposal):
     Attributes:
         matcher: finds x*, (16).
         around: K poses around it and their moments, (19)–(21).
+        prior: how much p(x | x_prev, u) is trusted in the moments: as it stands. The match trusts it less,
+            but about the particle's own draw.
         sharpness: log-likelihoods are sharpened by it for the moments, and log η blunted: the sensor model
             counts a scan for less than its beams, which is right for choosing among particles, but knows a
             pose less well than a match does. 1 is the paper's.
@@ -40,8 +42,9 @@ class GaussianProposal(AbstractProposal):
     """
 
     matcher: MatchedProposal = MatchedProposal()
-    around: PosesAround = PosesAround()
-    sharpness: float | Float[Array, ""] = 10.0
+    around: PosesAround = PosesAround(spread=0.005)
+    prior: PriorTrust = PriorTrust(translation=1.0, rotation=1.0)
+    sharpness: float | Float[Array, ""] = 100.0
     odometry_weight: float | Float[Array, ""] = 1.0
     failed_below: float | Float[Array, ""] = 0.3
 
@@ -66,11 +69,11 @@ class GaussianProposal(AbstractProposal):
 
         # (18)–(21)
         predicted = se2.compose(pose, inputs.odometry.delta)
-        prior = self.matcher.prior.about(motion, inputs.odometry, predicted)
-        judge = Judge(field, inputs.scan, sensor, prior, self.odometry_weight * self.matcher.prior_score)
+        prior = self.prior.about(motion, inputs.odometry, predicted)
 
         def log_value(x: Float[Array, "3"]) -> Float[Array, ""]:
-            return self.sharpness * judge.candidate(x).score
+            log_likelihood = sensor.log_prob(field, inputs.scan, x)
+            return self.sharpness * log_likelihood + self.odometry_weight * prior.log_prob(x)
 
         around = self.around.fit(jax.random.fold_in(key, 1), log_value, matched.pose, ends)
         drawn = around.sample(jax.random.fold_in(key, 2))

@@ -92,7 +92,9 @@ class PosesAround(eqx.Module):
             ends: the scan, whose walls say how far each way the poses may lie.
         """
         # (19)
-        drawn = jax.random.uniform(key, (self.num_poses, 3), jnp.float32, -1.0, 1.0)
+        drawn = jax.random.uniform(key, ((self.num_poses + 1) // 2, 3), jnp.float32, -1.0, 1.0)
+        # In pairs on either side, so that chance alone does not move the mean off the mode.
+        drawn = jnp.concatenate([drawn, -drawn])[: self.num_poses]
         poses = mode[None] + drawn @ self._shape(ends, mode).T
         values = jax.vmap(log_value)(poses)
         values = jnp.where(jnp.isnan(values), -jnp.inf, values)

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from experiments.coal_mine import localising, mapping
-from experiments.coal_mine.figures import draw_localisation, draw_maps, draw_particles
+from experiments.coal_mine import mapping
+from experiments.coal_mine.cells import run_cell
+from experiments.coal_mine.figures import draw_localisation, draw_particles, draw_roadways
 from experiments.coal_mine.methods import DRAWN, MAPPED
 from experiments.harness import (
     Arrays,
@@ -29,7 +30,7 @@ DURATION, SMOKE_DURATION = 230.0, 12.0
 """Once round the loop of 166 m and a fifth of it again; and a few metres."""
 TIMED_FOR = 40.0
 """Seconds of the drive that the methods are timed on."""
-BEFORE = 60
+BEFORE, SMOKE_BEFORE = 60, 10
 """Updates that a robot is tracked for before it is carried off."""
 TASKS = ("tracking", "global", "kidnapped")
 
@@ -44,9 +45,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     results = compute(cells, run_cell, options)
     timed_for = min(_duration(options), TIMED_FOR)
     times = milliseconds_per_scan(names, lambda name: mapping.prepared_for(name, WORLD, timed_for), options)
-    draw_maps(options.out / "maps.png", results)
+    draw_roadways(options.out / "maps.png", results)
     draw_particles(options.out / "particles.png", results)
-    draw_localisation(options.out / "localisation.png", results)
+    draw_localisation(options.out / "localisation.png", results, _before(options))
     mapped = [_mapping_row(MAPPED[name], results[f"map-{name}"], times[name]) for name in names]
     localised = [_localising_row(task, which, results[f"{task}-{which}"]) for task, which in tasks]
     text = f"Mapping:\n\n{markdown_table(MAPPING_HEADER, mapped)}\n"
@@ -58,13 +59,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"written to {options.out}")
 
 
-def run_cell(cell: Cell) -> Arrays:
-    """A cell of either part."""
-    return (mapping if "method" in cell.settings else localising).run_cell(cell)
-
-
 def _duration(options: Options) -> float:
     return SMOKE_DURATION if options.smoke else DURATION
+
+
+def _before(options: Options) -> int:
+    return SMOKE_BEFORE if options.smoke else BEFORE
 
 
 def _mapping_cell(name: str, options: Options) -> Cell:
@@ -86,7 +86,7 @@ def _localising_cell(task: str, which: str, options: Options) -> Cell:
         "duration": _duration(options),
         "seeds": options.seeds if task == "tracking" else 1 if options.smoke else 5,
         "trials": 1 if task == "tracking" else 2 if options.smoke else 10,
-        "before": 10 if options.smoke else BEFORE,
+        "before": _before(options),
         "steps": 20 if options.smoke else 150,
         "configuration": flatten(LocalizationConfiguration()),
     }

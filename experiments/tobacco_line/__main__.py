@@ -13,7 +13,7 @@ from experiments.harness import (
 )
 from experiments.method import Method
 from experiments.timing import milliseconds_per_scan
-from experiments.tobacco_line.figures import DRAWN, draw_clouds, draw_errors, draw_maps
+from experiments.tobacco_line.figures import DRAWN, draw_clouds, draw_errors, draw_halls
 from experiments.tobacco_line.methods import ABLATION, COMPARED, EQUAL, evaluations
 from experiments.tobacco_line.runs import METHODS, drive, run_cell
 from jaxslam.report import versions
@@ -37,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     timed_for = min(duration, TIMED_FOR)
     times = milliseconds_per_scan(names, lambda name: drive(WORLDS[0], 0, timed_for, name)[1], options)
     for world in worlds:
-        draw_maps(options.out / f"{world}-maps.png", world, results)
+        draw_halls(options.out / f"{world}-maps.png", world, results)
         draw_errors(options.out / f"{world}-errors.png", world, results)
         draw_clouds(options.out / f"{world}-clouds.png", world, results)
     text = "\n".join(

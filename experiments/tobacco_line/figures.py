@@ -7,8 +7,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from experiments.harness import Arrays
+from experiments.maps import draw_maps
 from experiments.tobacco_line.methods import COMPARED
-from jaxslam.viz import plot_errors, plot_map, plot_particles, plot_trajectory
+from jaxslam.viz import plot_errors, plot_particles
 
 TRADITIONAL, IMPROVED = "traditional-30", "improved-15"
 DRAWN = {"traditional-30": "tab:red", "gmapping-30": "tab:orange", "improved-15": "tab:blue"}
@@ -17,34 +18,31 @@ _CLOUD_SIDE = 0.6
 """Least side of a cloud's picture, metres."""
 
 
-def draw_maps(path: Path, world: str, results: dict[str, Arrays]) -> None:
-    """Figures 4 and 6: the map of a hall by the traditional filter and by the improved one, seed 0."""
-    figure = Figure(figsize=(11, 5.2), layout="constrained")
-    FigureCanvasAgg(figure)
-    for ax, name in zip(figure.subplots(1, 2), (TRADITIONAL, IMPROVED), strict=True):
-        cell = results[f"{world}-{name}"]
-        plot_map(cell["one_map"], float(cell["one_resolution"]), cell["one_origin"], ax)
-        plot_trajectory(cell["one_path"], ax, label="estimate")
-        plot_trajectory(cell["one_truth"], ax, label="truth", color="black", linestyle="--")
-        method = COMPARED[name]
-        ax.set_title(f"{method.title}, {method.particles} particles: IoU {cell['iou'][0]:.3f}")
-    _save(figure, path)
+def draw_halls(path: Path, world: str, results: dict[str, Arrays]) -> None:
+    """Figures 4 and 6: the map of a hall by the traditional filter and by the improved one."""
+    shown = [(COMPARED[name], results[f"{world}-{name}"]) for name in (TRADITIONAL, IMPROVED)]
+    draw_maps(path, shown, (1, 2), (11, 5.4))
 
 
 def draw_errors(path: Path, world: str, results: dict[str, Arrays]) -> None:
-    """Figures 5 and 7: pose error over time, mean over seeds and ± one standard deviation."""
+    """Figures 5 and 7: pose error over time, mean over seeds, and from the best of them to the worst."""
     figure = Figure(figsize=(11, 4.2), layout="constrained")
     FigureCanvasAgg(figure)
     position, heading = figure.subplots(1, 2)
-    for name, color in DRAWN.items():
-        cell, method = results[f"{world}-{name}"], COMPARED[name]
+    for key, color in DRAWN.items():
+        cell, method = results[f"{world}-{key}"], COMPARED[key]
         label = f"{method.title}, {method.particles}"
-        plot_errors(cell["one_times"], cell["position"], ax=position, label=label, color=color)
-        plot_errors(cell["one_times"], cell["heading"], ax=heading, quantity="heading", color=color)
-    for ax in (position, heading):
-        # From millimetres to half a metre: on a linear axis the best would be a line at zero.
-        ax.set_yscale("log")
+        times, near, turned = cell["one_times"], cell["position"], cell["heading"]
+        plot_errors(times, near, _edges(near), position, label=label, color=color)
+        plot_errors(times, turned, _edges(turned), heading, quantity="heading", color=color)
+    # From millimetres to half a metre: on a linear axis the best would be a line at zero.
+    position.set(yscale="log", ylim=(1e-3, None))
+    heading.set(yscale="log", ylim=(1e-3, None))
     _save(figure, path)
+
+
+def _edges(over_seeds: np.ndarray) -> np.ndarray:
+    return np.stack([over_seeds.min(axis=0), over_seeds.max(axis=0)])
 
 
 def draw_clouds(path: Path, world: str, results: dict[str, Arrays]) -> None:

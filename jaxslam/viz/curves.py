@@ -12,7 +12,7 @@ from jaxslam.viz import style
 def plot_errors(
     stamps: Float[np.ndarray | Array, "_"],
     errors: Float[np.ndarray | Array, "*seeds _"],
-    band: Float[np.ndarray | Array, "_"] | None = None,
+    band: Float[np.ndarray | Array, "*edges _"] | None = None,
     ax: Axes | None = None,
     *,
     quantity: Literal["position", "heading"] = "position",
@@ -26,7 +26,8 @@ def plot_errors(
         stamps: `[M]` seconds.
         errors: `[M]`, or `[S, M]` for `S` seeds: metres, or radians for headings (drawn in
             degrees). NaN leaves a seed out at that stamp, or a gap where all are NaN.
-        band: `[M]` half width of the band in the unit of `errors`; None takes the std over seeds.
+        band: `[M]` half width of the band in the unit of `errors`, or `[2, M]` its lower and upper edge, as a
+            logarithmic axis needs them; None takes the std over seeds.
         ax: axes to draw on; None for pyplot's current ones.
         quantity: "position" or "heading".
         label: name in the legend; None for no legend.
@@ -43,16 +44,18 @@ def plot_errors(
     if values.ndim not in (1, 2) or values.shape[-1] != len(times):
         raise ValueError(f"errors have shape {values.shape} for {len(times)} stamps: give [M] or [seeds, M]")
     mean, deviation = _over_seeds(np.atleast_2d(values))
-    if band is None:
-        half_width = deviation if values.ndim == 2 and len(values) > 1 else None
-    else:
-        half_width = np.asarray(band, float)
-        if half_width.shape != times.shape:
-            raise ValueError(f"band has shape {half_width.shape} for {len(times)} stamps: give [M]")
+    edges = None
+    if band is not None:
+        given = np.asarray(band, float)
+        if given.shape not in (times.shape, (2, *times.shape)):
+            raise ValueError(f"band has shape {given.shape} for {len(times)} stamps: give [M] or [2, M]")
+        edges = given if given.ndim == 2 else np.stack([mean - given, mean + given])
+    elif values.ndim == 2 and len(values) > 1:
+        edges = np.stack([mean - deviation, mean + deviation])
     scale = 180 / np.pi if quantity == "heading" else 1.0
     ax.plot(times, scale * mean, linestyle, color=color, linewidth=1.3, label=label)
-    if half_width is not None:
-        low, high = scale * (mean - half_width), scale * (mean + half_width)
+    if edges is not None:
+        low, high = scale * edges
         # A distance is never negative, though its mean minus its deviation may be.
         low = np.maximum(low, 0.0) if (values[np.isfinite(values)] >= 0).all() else low
         ax.fill_between(times, low, high, color=color, alpha=0.2, linewidth=0)

@@ -4,15 +4,15 @@ import json
 
 import numpy as np
 
-from experiments.coal_mine.__main__ import BEFORE, main
 from experiments.coal_mine.localising import choose_rows
 from experiments.coal_mine.mapping import length_error
 from experiments.coal_mine.methods import DRAWN, MAPPED
 from experiments.measures import ancestors_left, mean_pose
+from tests.experiments.smoke import run_smoke
 
 
 def test_it_runs_and_writes_tables_and_figures(tmp_path):
-    main(["--smoke", "--out", str(tmp_path)])
+    run_smoke("coal_mine", tmp_path)
     table = (tmp_path / "table.md").read_text()
     # Two tables with a head each; two methods and three tasks.
     assert table.count("\n| ") == 2 + len(DRAWN) + 3
@@ -40,16 +40,16 @@ def test_every_method_is_what_its_name_says():
 def test_trials_are_made_of_the_right_steps():
     truth = np.stack([np.arange(400.0) * 0.2, np.zeros(400), np.zeros(400)], axis=1)
     rng = np.random.default_rng(0)
-    np.testing.assert_array_equal(choose_rows("tracking", truth, BEFORE, 150, rng), np.arange(400))
+    np.testing.assert_array_equal(choose_rows("tracking", truth, 60, 150, rng), np.arange(400))
     for _ in range(20):
-        rows = choose_rows("global", truth, BEFORE, 150, rng)
+        rows = choose_rows("global", truth, 60, 150, rng)
         assert len(rows) == 150
         assert (np.diff(rows) == 1).all()
         assert rows[-1] < 400
-        rows = choose_rows("kidnapped", truth, BEFORE, 150, rng)
-        assert len(rows) == BEFORE + 150
-        assert abs(truth[rows[BEFORE - 1], 0] - truth[rows[BEFORE], 0]) > 5.0
-        assert np.flatnonzero(np.diff(rows) != 1).tolist() in ([BEFORE - 1], [])
+        rows = choose_rows("kidnapped", truth, 60, 150, rng)
+        assert len(rows) == 60 + 150
+        assert abs(truth[rows[60 - 1], 0] - truth[rows[60], 0]) > 5.0
+        assert np.flatnonzero(np.diff(rows) != 1).tolist() in ([60 - 1], [])
 
 
 def test_length_error_is_between_the_ends():

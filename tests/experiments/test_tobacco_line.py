@@ -4,15 +4,15 @@ import json
 
 import numpy as np
 
-from experiments.tobacco_line.__main__ import main
 from experiments.tobacco_line.figures import DRAWN
 from experiments.tobacco_line.methods import ABLATION, COMPARED, EQUAL, evaluations
 from jaxslam.fusion import FusionSettings
 from jaxslam.optimise import FruitFlies
+from tests.experiments.smoke import run_smoke
 
 
 def test_it_runs_and_writes_tables_and_figures(tmp_path):
-    main(["--smoke", "--out", str(tmp_path)])
+    run_smoke("tobacco_line", tmp_path)
     table = (tmp_path / "table.md").read_text()
     assert table.count("\n| ") == 1 + len(DRAWN)
     assert "nan" not in table

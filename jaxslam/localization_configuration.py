@@ -66,9 +66,10 @@ class LocalizationConfiguration(eqx.Module):
     Attributes:
         max_particles: N, room for particles; a global start fills it (static).
         max_distance: end points farther than this from any obstacle are all alike, metres.
-        resample_below: resample where the effective sample size is under this share of the particles; 1
-            resamples in every step.
-        min_valid_beams: a scan with fewer moves the particles by odometry alone.
+        resample_below: resample where the effective sample size is under this share of the particles; over
+            1 resamples in every step.
+        min_valid_beams: a scan with fewer among those that are looked at moves the particles by odometry
+            alone.
         lidar: ranges of the sensor.
         thinning: which scans are processed (static: it decides how many steps there are).
         start: how well a start that is given is known.

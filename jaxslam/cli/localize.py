@@ -65,7 +65,7 @@ def execute(command: Localize, arguments: list[str]) -> None:
         on_chunk=clouds.append if command.gif else None,
     )
     warn(result.warnings)
-    measured = None if reference is None else _error(result, reference, log)
+    measured = None if reference is None else _error(result, reference, log, command)
     if command.gif:
         animate_clouds(folder / "cloud.gif", occupancy, clouds)
     metrics = write_localization(
@@ -87,16 +87,23 @@ def execute(command: Localize, arguments: list[str]) -> None:
     _print_summary(folder, result, metrics)
 
 
-def _error(result: LocalizationResult, reference: tuple, log: SensorLog) -> TrajectoryError | None:
+def _error(
+    result: LocalizationResult, reference: tuple, log: SensorLog, command: Localize
+) -> TrajectoryError | None:
     """In the map's own frame, from the first agreement on: before it there is no estimate."""
     assert log.odometry is not None  # `prepare_inputs` has looked
     if not result.agreed.any():
         return None
     since = result.all_stamps >= result.stamps[np.argmax(result.agreed)]
     stamps, poses = reference
-    return reference_error(
-        stamps, poses, result.all_stamps[since], result.all_poses[since], log.odometry, align=False
-    )
+    try:
+        return reference_error(
+            stamps, poses, result.all_stamps[since], result.all_poses[since], log.odometry, align=False
+        )
+    except ValueError as error:
+        # The run is whole without it.
+        warn((f"{command.reference}: no error is given: since the particles first agreed, {error}",))
+        return None
 
 
 def _start(command: Localize) -> tuple[float, float, float] | None:

@@ -112,8 +112,9 @@ class AMCL(eqx.Module):
         clustering: where the estimate is.
         agreement: what counts as converged and as lost.
         resample_below: resample where the effective sample size is under this share of the live particles;
-            1 resamples in every step.
-        min_valid_beams: a scan with fewer moves the particles by odometry alone.
+            over 1 resamples in every step.
+        min_valid_beams: a scan with fewer among those that are looked at moves the particles by odometry
+            alone.
         max_particles: N (static).
 
     References:
@@ -199,28 +200,32 @@ class AMCL(eqx.Module):
         moved = jnp.where(finite, moved, state.poses[:size])
 
         # (14)
-        enough = jnp.sum(inputs.scan.valid, dtype=jnp.float32) >= self.min_valid_beams
+        enough = self.scan_model.num_scored(inputs.scan) >= self.min_valid_beams
         log_likelihood = self.scan_model.log_likelihoods(
             self.table, self.known, inputs.scan, moved, live, state.converged
         )
-        log_likelihood = jnp.where(enough & jnp.isfinite(log_likelihood), log_likelihood, 0.0)
+        log_likelihood = jnp.where(jnp.isfinite(log_likelihood), log_likelihood, -jnp.inf)
         before = state.log_weights[:size]
-        log_weights = normalise(jnp.where(live, before + log_likelihood, -jnp.inf))
+        after = jnp.where(live, before + log_likelihood, -jnp.inf)
+        # A scan that is impossible everywhere says nothing of where.
+        tells = enough & jnp.any(after > -jnp.inf)
+        log_weights = normalise(jnp.where(tells, after, before))
         weights = jnp.exp(log_weights)
-        mean_likelihood = jnp.sum(jnp.exp(before + log_likelihood))
-        averages = self.recovery.update(state.averages, mean_likelihood)
-        averages = jax.tree.map(partial(jnp.where, enough), averages, state.averages)
 
         estimate = self._estimate(moved, weights)
         score = share_on_map(self.known, inputs.scan, estimate.mean, self.agreement.near)
         agreed = estimate.weight >= self.agreement.min_weight
         converged = agreed & (estimate.deviation <= self.agreement.max_deviation)
-        lost = converged & enough & (score < self.agreement.lost_below)
+        misfit = enough & (score < self.agreement.lost_below)
+        lost = converged & misfit
+        mean_log_likelihood = jax.nn.logsumexp(after) / self.scan_model.independent_count
+        averages = self.recovery.update(state.averages, mean_log_likelihood, misfit)
+        averages = jax.tree.map(partial(jnp.where, enough), averages, state.averages)
 
         # (15)
         num_live = jnp.minimum(state.num_live, size)
         ess = effective_sample_size(jnp.where(live, log_weights, -jnp.inf))
-        random_share = jnp.where(enough, self.recovery.share(averages), 0.0)
+        random_share = jnp.where(enough, self.recovery.share(averages, lost), 0.0)
         is_due = ess < self.resample_below * num_live.astype(jnp.float32)
         resampled = enough & (is_due | (random_share > 0.0))
         num_next, next_poses, next_log_weights, num_random = jax.lax.cond(

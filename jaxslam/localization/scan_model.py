@@ -31,6 +31,15 @@ class AbstractScanModel(eqx.Module):
     def beams_per_scan(self) -> int:
         """How many beams of a scan are looked at, at most."""
 
+    @property
+    @abc.abstractmethod
+    def independent_count(self) -> float | Float[Array, ""]:
+        """How many independent beams a scan counts for: the likelihood is of about this many factors."""
+
+    def num_scored(self, scan: LidarScan) -> Float[Array, ""]:
+        """How many of the beams that are looked at returned."""
+        return jnp.sum(scan.valid[spread_beams(scan.num_beams, self.beams_per_scan)], dtype=jnp.float32)
+
     @abc.abstractmethod
     def prepare(self, known: KnownMap) -> Any:
         """What `log_likelihoods` looks up, computed once per map."""
@@ -99,8 +108,8 @@ class FieldModel(AbstractScanModel):
 
     $p_k = (z_{hit} e^{-d_k^2/2\sigma^2} + z_{rand}) / (z_{hit} + z_{rand})$, and by `combine`
 
-    - "product": the product of all $p_k$, raised to `independent_beams` over the number of beams, since
-      neighbouring beams see the same wall and the error of the map is common to all;
+    - "product": the product of all $p_k$, raised to `independent_beams` over the number of beams (1 where
+      there are fewer), since neighbouring beams see the same wall and the error of the map is common to all;
     - "cubes": $1 + \sum_k p_k^3$ with $p_k = z_{hit} e^{-d_k^2/2\sigma^2} + z_{rand} / z_{max}$, as
       nav2's AMCL and ROS' before it compute it. It has no derivation; it is here for comparison.
 
@@ -118,7 +127,7 @@ class FieldModel(AbstractScanModel):
         Thrun, Burgard, Fox, Probabilistic Robotics, table 6.3; the exponent is ours.
 
     Example:
-        Default weights: a beam on an obstacle counts 1, one 0.2 m off 0.627, one far from all 0.05.
+        Default weights: a beam on an obstacle counts 1, one 0.2 m off 0.626, one far from all 0.05.
     """
 
     sigma_hit: float | Float[Array, ""] = 0.2
@@ -138,6 +147,11 @@ class FieldModel(AbstractScanModel):
     def beams_per_scan(self) -> int:
         """See `max_beams`."""
         return self.max_beams
+
+    @property
+    def independent_count(self) -> float | Float[Array, ""]:
+        """See `independent_beams`; the sum of the cubes is no product."""
+        return self.independent_beams if self.combine == "product" else 1.0
 
     def prepare(self, known: KnownMap) -> Float[Array, "cells"]:
         """What a beam adds that ends in a cell, row after row, with the border."""
@@ -168,7 +182,7 @@ class FieldModel(AbstractScanModel):
         total = sum_over_beams(known, prepared, cells, points, counted)
         if self.combine == "cubes":
             return jnp.log1p(total)
-        return total * (self.independent_beams / jnp.maximum(jnp.sum(counted), 1.0))
+        return total * jnp.minimum(self.independent_beams / jnp.maximum(jnp.sum(counted), 1.0), 1.0)
 
 
 class BeamModel(AbstractScanModel):
@@ -184,6 +198,11 @@ class BeamModel(AbstractScanModel):
     def beams_per_scan(self) -> int:
         """Those that are cast."""
         return self.beam.max_beams
+
+    @property
+    def independent_count(self) -> float | Float[Array, ""]:
+        """By the weight of a beam."""
+        return self.beam.beam_weight * self.beam.max_beams
 
     def prepare(self, known: KnownMap) -> Field:
         """The map's distance field, in the map's own frame."""

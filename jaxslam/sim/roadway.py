@@ -85,7 +85,7 @@ def build_roadway(
     left, right = plan.cross_cuts[0], plan.cross_cuts[-1]
     corners = np.array([[left, 0.0], [right, 0.0], [right, plan.spacing], [left, plan.spacing]])
     tour = _bent(plan, _subdivided(corners, 6.0))
-    # From the middle of the lower drift: a corner would be a place that is easily known again.
+    # From within the lower drift: a corner would be a place that is easily known again.
     start = int(np.argmin(np.abs(tour[:, 0] - plan.length / 3) + np.abs(tour[:, 1]) * (tour[:, 1] > half)))
     return World.from_shapes(name, shapes), np.roll(tour, -start, axis=0)
 

@@ -24,7 +24,7 @@ def test_it_runs_and_writes_tables_and_figures(tmp_path):
         assert cell["position_rmse"].max() < 0.3
         assert cell["width_error"].max() < 0.3
         assert 1 <= cell["least_ancestors"].min() <= 15
-    with np.load(tmp_path / "raw/tracking-true.npz") as cell:
+    with np.load(tmp_path / "raw/tracking-built.npz") as cell:
         assert cell["rmse"].max() < 0.15
     assert set(json.loads((tmp_path / "raw/times.json").read_text())) == set(DRAWN)
 

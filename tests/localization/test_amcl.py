@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxslam.inputs import prepare_inputs
-from jaxslam.localization import AMCL, run
+from jaxslam.localization import AMCL, Averages, KLDSampling, Recovery, run
 from jaxslam.localization_configuration import LocalizationConfiguration, build_localizer
 from jaxslam.localize import localize_log, settled_elsewhere, start_at
 from jaxslam.motion import OmnidirectionalMotion
@@ -159,6 +159,51 @@ def test_weights_that_are_all_zero_do_not_end_it(drive, amcl):
     assert float(jnp.sum(jnp.exp(state.log_weights))) == pytest.approx(1.0, abs=1e-3)
 
 
+def test_a_particle_whose_likelihood_is_no_number_dies(drive, amcl):
+    _, prepared, truth = drive
+
+    class Broken(type(amcl.scan_model)):
+        def log_likelihoods(self, prepared, known, scan, poses, *rest):
+            return jnp.where(jnp.arange(poses.shape[0]) == 7, jnp.nan, -5.0)
+
+    broken = dataclasses.replace(amcl, scan_model=Broken(), resample_below=0.0)
+    start = start_at(amcl, KEY, tuple(truth[0]), (0.1, 0.05))
+    state, _ = steps(broken, start, at(prepared, 3), count=1)
+    weights = np.exp(np.asarray(state.log_weights))
+    assert weights[7] == 0.0
+    np.testing.assert_allclose(np.delete(weights, 7), 1 / 8191, rtol=1e-4)
+
+
+def test_a_wrong_place_is_left_however_long_it_was_believed(drive, amcl):
+    """A start far off: there is no better past to compare with, and the scans do not lie on the map."""
+    _, prepared, truth = drive
+    wrong = np.array([truth[0, 0] + 2.0, truth[0, 1] + 2.0, truth[0, 2] + 2.0])
+    start = start_at(amcl, jax.random.key(1), tuple(wrong), (0.1, 0.05))
+    _, infos = jax.jit(run)(amcl, jax.random.key(1), start, prepared.inputs)
+    lost, num_random = np.asarray(infos.lost), np.asarray(infos.num_random)
+    first = int(np.argmax(lost))
+    assert lost[first]
+    assert num_random[first] == pytest.approx(amcl.recovery.lost_share * infos.num_live[first + 1], rel=0.2)
+    found = np.hypot(*(np.asarray(infos.estimate.mean) - truth)[:, :2].T)
+    assert found[0] > 1.0
+    assert found[-5:].max() < 0.3
+
+
+def test_the_share_of_random_particles_is_the_recoverys(drive, amcl):
+    _, prepared, truth = drive
+    averages = Averages(*(jnp.float32(value) for value in (0.8, 0.3, 1.0, 1.0)))
+    state = dataclasses.replace(start_at(amcl, KEY, tuple(truth[0]), (0.3, 0.1)), averages=averages)
+    frozen = dataclasses.replace(
+        amcl, recovery=Recovery(slow=1e-6, fast=2e-6), sampling=KLDSampling(error=0.002)
+    )
+    after, info = jax.jit(AMCL.step)(frozen, KEY, state, at(prepared, 0))
+    expected = 1 - 0.3 / (0.85 * 0.8)
+    count = int(after.num_live)
+    assert count > 2000
+    deviation = np.sqrt(expected * (1 - expected) / count)
+    assert int(info.num_random) / count == pytest.approx(expected, abs=4 * deviation)
+
+
 def test_the_set_grows_by_one_stage_at_a_time(amcl):
     assert amcl._sizes() == [512, 2048, 8192]
     assert dataclasses.replace(amcl, max_particles=100_000)._sizes() == [1562, 6250, 25_000, 100_000]
@@ -186,7 +231,10 @@ def test_random_particles_come_in_the_right_share(amcl):
 def test_resampling_is_unbiased(amcl):
     poses = jnp.stack([jnp.arange(4.0) + 1.0, jnp.full(4, 2.0), jnp.zeros(4)], axis=1)
     weights = jnp.asarray([0.1, 0.2, 0.3, 0.4])
-    _, drawn, num_random = resampled(amcl, poses, jnp.log(weights), 0.0)
+    few = dataclasses.replace(amcl, sampling=dataclasses.replace(amcl.sampling, min_particles=1.0))
+    count, drawn, num_random = resampled(few, poses, jnp.log(weights), 0.0)
+    # The bound for four bins: ε 0.05 and z 2.326, 3 / 0.1 · (1 − 2/27 + √(2/27) · 2.326)³ = 113.7.
+    assert count == 114
     assert num_random == 0
     shares = np.array([np.mean(drawn[:, 0] == x) for x in (1, 2, 3, 4)])
     np.testing.assert_allclose(shares, weights, atol=3 * np.sqrt(0.25 / 8192))

@@ -42,10 +42,10 @@ POSE = (1.25, 1.25, 0.0)
 
 def test_product_by_hand():
     known = KnownMap.of(room())
-    model = FieldModel(sigma_hit=0.5, independent_beams=6.0)
+    model = FieldModel(sigma_hit=0.5, independent_beams=2.0)
     # Ahead into the wall cell (7), right half a metre short of its wall (0), left in the room's middle.
     scan = scan_of([0.5, 2.5, 0.5])
-    expected = np.log([beam(0.5, 0.5), beam(0.0, 0.5), beam(1.0, 0.5)]).mean() * 6.0
+    expected = np.log([beam(0.5, 0.5), beam(0.0, 0.5), beam(1.0, 0.5)]).mean() * 2.0
     assert log_likelihood(model, known, scan, POSE) == pytest.approx(expected, rel=1e-4)
 
 
@@ -83,8 +83,9 @@ def test_beams_off_the_map_and_odd_poses_are_harmless():
     far = log_likelihood(FieldModel(independent_beams=1.0), known, scan_of([500.0, 500.0, 500.0]), POSE)
     assert far == pytest.approx(np.log(0.05), rel=1e-3)
     for pose in [(1e6, -1e6, 0.0), (np.nan, 1.0, 0.0), (1.0, np.inf, 0.0), (1.0, 1.0, np.nan)]:
-        found = log_likelihood(FieldModel(), known, scan_of([1.0, 2.5, 1.5]), pose)
-        assert found <= 0.0 or np.isnan(found)
+        # All beams end on the border, far from all.
+        found = log_likelihood(FieldModel(independent_beams=3.0), known, scan_of([1.0, 2.5, 1.5]), pose)
+        assert found == pytest.approx(3 * np.log(0.05), rel=1e-3)
 
 
 def test_a_scan_without_a_return_says_nothing():
@@ -97,8 +98,35 @@ def test_more_beams_do_not_make_a_scan_say_more():
     known = KnownMap.of(room())
     angles = np.linspace(-0.2, 0.2, 61)
     scan = scan_of(np.full(61, 2.0), angles[0], angles[1] - angles[0])
-    few, many = (log_likelihood(FieldModel(max_beams=n), known, scan, POSE) for n in (5, 61))
+    few, many = (
+        log_likelihood(FieldModel(max_beams=n, independent_beams=5.0), known, scan, POSE) for n in (5, 61)
+    )
     assert few == pytest.approx(many, rel=0.05)
+
+
+def test_a_beam_never_counts_for_more_than_one():
+    known = KnownMap.of(room())
+    model = FieldModel(sigma_hit=0.5, independent_beams=10.0)
+    found = log_likelihood(model, known, scan_of([0.5, 0.0, 0.0]), POSE)
+    assert found == pytest.approx(np.log(beam(0.5, 0.5)), rel=1e-4)
+
+
+def test_beams_that_are_not_looked_at_are_not_counted():
+    scan = scan_of([0.0, 1.0, 0.0, 1.0, 0.0])
+    assert float(FieldModel(max_beams=3).num_scored(scan)) == 0.0
+    assert float(FieldModel(max_beams=5).num_scored(scan)) == 2.0
+
+
+@pytest.mark.parametrize("model", [FieldModel(sigma_hit=0.5, independent_beams=1.0), BeamModel(Beam(10.0))])
+def test_a_lidar_off_the_centre_sees_from_where_it_is(model):
+    """Half a metre ahead on the robot and turned left: its beam ahead is one to the robot's left."""
+    known = KnownMap.of(room())
+    mounted = scan_of([1.5], angles_from=0.0, lidar=(0.5, 0.0, np.pi / 2))
+    there = scan_of([1.5], angles_from=0.0)
+    expected = log_likelihood(model, known, there, (POSE[0] + 0.5, POSE[1], np.pi / 2))
+    assert log_likelihood(model, known, mounted, POSE) == pytest.approx(expected, abs=1e-4)
+    elsewhere = log_likelihood(model, known, mounted, (*POSE[:2], -np.pi / 2))
+    assert elsewhere < expected - 0.1
 
 
 def test_share_on_the_map():

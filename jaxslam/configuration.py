@@ -241,7 +241,7 @@ def _check_memory(configuration: Configuration, extent: Float64[np.ndarray, "2"]
     cells = float(np.prod(np.ceil(extent / float(configuration.map.resolution))))
     # One byte per cell and particle, and as much again while particles are resampled.
     needed = 2 * cells * configuration.num_particles
-    available = _physical_memory()
+    available = physical_memory()
     if cells > _MAX_CELLS or needed > available:
         raise ValueError(
             f"{configuration.num_particles} maps of {extent[0]:.0f} × {extent[1]:.0f} m need "
@@ -250,7 +250,7 @@ def _check_memory(configuration: Configuration, extent: Float64[np.ndarray, "2"]
         )
 
 
-def _physical_memory() -> float:
+def physical_memory() -> float:
     """Bytes of main memory; infinite where the system does not tell."""
     names = getattr(os, "sysconf_names", {})
     if "SC_PHYS_PAGES" not in names:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxslam.checks import require_at_least_zero
-from jaxslam.configuration import LidarSettings
+from jaxslam.configuration import LidarSettings, physical_memory
 from jaxslam.inputs import Thinning
 from jaxslam.io.map_server import OccupancyMap
 from jaxslam.localization import (
@@ -28,6 +28,9 @@ from jaxslam.presets import PRESETS, LidarPreset
 Number = float | Float[Array, ""]
 
 _MAX_BINS = 2**27
+_BYTES_PER_PARTICLE = 200
+"""Before and after a step and while it works: 137 by the compiler, and some for the pictures."""
+_WIDEST_START = 1e4
 
 
 class StartSettings(eqx.Module):
@@ -43,6 +46,10 @@ class StartSettings(eqx.Module):
 
     def __check_init__(self):
         require_at_least_zero(self)
+        for name in ("deviation", "rotation_deviation"):
+            value = getattr(self, name)
+            if isinstance(value, float) and value > _WIDEST_START:
+                raise ValueError(f"start.{name} is {value:g}: a start that unsure is --global")
 
 
 class BinSettings(eqx.Module):
@@ -114,8 +121,15 @@ def build_localizer(configuration: LocalizationConfiguration, occupancy: Occupan
     """The filter of a configuration on a map.
 
     Raises:
-        ValueError: the map has no obstacle or no free space, or the bins are too small for it.
+        ValueError: the map has no obstacle or no free space, the bins are too small for it, or the particles
+            would not fit into memory.
     """
+    needed, available = configuration.max_particles * _BYTES_PER_PARTICLE, physical_memory()
+    if needed > available or configuration.max_particles >= 2**31:
+        raise ValueError(
+            f"{configuration.max_particles} particles need {needed / 1e9:.3g} GB of the "
+            f"{available / 1e9:.3g} GB there are: lower max_particles"
+        )
     known = KnownMap.of(occupancy, float(configuration.max_distance))
     bins = Bins.over(known, float(configuration.bins.translation), float(configuration.bins.rotation))
     if bins.count > _MAX_BINS:

@@ -108,6 +108,11 @@ class LocalizationResult:
             lines.append(f"{few} of {len(flags)} scans had too few returns: odometry alone moved")
         if broken:
             lines.append(f"in {broken} of {len(flags)} steps the odometry was not a number and moved nothing")
+        if self.kidnapped_events:
+            lines.append(
+                f"the particles settled elsewhere {self.kidnapped_events} times: either the robot was "
+                "carried off, or one of the places was wrong, as in a map that looks alike in many places"
+            )
         if not self.converged:
             lines.append("the particles do not agree at the end: the trajectory is not to be trusted")
         return tuple(lines)

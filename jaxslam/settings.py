@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
-from jaxslam.variants import choices, kind
+from jaxslam.variants import VARIANTS, choices, kind
 
 Scalar = bool | int | float | str
 Tree = TypeVar("Tree")
@@ -85,9 +85,10 @@ def parse_scalar(text: str) -> Scalar:
     return text
 
 
-def _walk(tree: object, prefix: str) -> Iterator[tuple[str, Scalar, str]]:
+def _walk(tree: object, prefix: str, declared: object = None) -> Iterator[tuple[str, Scalar, str]]:
     meanings = _attributes(type(tree))
-    if prefix and choices(tree):
+    # A part that is declared as one class is no choice, though others could be in the place of such a one.
+    if declared in VARIANTS:
         yield prefix + KIND, kind(tree), f"one of {', '.join(choices(tree))}"
     fields = dataclasses.fields(tree)  # type: ignore[arg-type]
     # Scalars first: in TOML they would otherwise belong to the table of the part before them.
@@ -98,7 +99,7 @@ def _walk(tree: object, prefix: str) -> Iterator[tuple[str, Scalar, str]]:
     for field in fields:
         value = getattr(tree, field.name)
         if dataclasses.is_dataclass(value):
-            yield from _walk(value, f"{prefix}{field.name}.")
+            yield from _walk(value, f"{prefix}{field.name}.", field.type)
 
 
 def _plain(value: Any, annotation: object) -> Scalar:
@@ -143,7 +144,7 @@ def _resolve(name: str, names: list[str], exact: bool) -> str:
         raise ValueError(f"{name!r} could be {', '.join(fits)}: give more of the name")
     raise ValueError(
         f"no setting is called {name!r}: did you mean {_nearest(name, names)!r}? "
-        "`jaxslam config` prints them all"
+        "`jaxslam config` prints those of `run`, and `config.toml` of a run folder has all of that run"
     )
 
 

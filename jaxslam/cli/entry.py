@@ -41,6 +41,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _complain(f"{where}{error.strerror or error}")
     except ValueError as error:
         return _complain(str(error))
+    except OverflowError as error:
+        return _complain(f"a setting, or a number in a file, is too large or too small: {error}")
+    except RecursionError:
+        return _complain("a file is nested too deeply to be read")
 
 
 def _dispatch(arguments: Sequence[str]) -> int:

@@ -9,10 +9,10 @@ import numpy as np
 
 from jaxslam.cli.arguments import Localize
 from jaxslam.cli.effective import effective_configuration
-from jaxslam.cli.mapping import check_seed, warn
+from jaxslam.cli.mapping import check_seed, read_reference, warn, warn_if_unmounted
 from jaxslam.configuration import correct_scans
 from jaxslam.inputs import prepare_inputs
-from jaxslam.io import SensorLog, read_log, read_map, read_tum
+from jaxslam.io import SensorLog, read_log, read_map
 from jaxslam.localization import AMCL
 from jaxslam.localization_configuration import LocalizationConfiguration, build_localizer
 from jaxslam.localize import Cloud, LocalizationResult, localize_log, start_at
@@ -20,6 +20,9 @@ from jaxslam.metrics import TrajectoryError
 from jaxslam.presets import detect_lidar
 from jaxslam.report import default_folder, file_sha256, make_folder, reference_error, versions
 from jaxslam.report.localization import animate_clouds, write_localization
+
+_FAR = 1e5
+"""Single precision tells apart a centimetre up to here, metres."""
 
 
 def execute(command: Localize, arguments: list[str]) -> None:
@@ -29,6 +32,8 @@ def execute(command: Localize, arguments: list[str]) -> None:
     occupancy = read_map(command.map)
     log = read_log(command.log, scan_topic=command.scan_topic, odometry_topic=command.odom_topic)
     warn(log.warnings)
+    warn_if_unmounted(log)
+    reference = read_reference(command.reference, log) if command.reference is not None else None
     configuration = effective_configuration(
         LocalizationConfiguration(),
         config=command.config,
@@ -41,9 +46,16 @@ def execute(command: Localize, arguments: list[str]) -> None:
         amcl = build_localizer(configuration, occupancy)
     except ValueError as error:
         raise ValueError(f"{command.map}: {error}") from None
+    farthest = float(np.abs(occupancy.origin[:2]).max())
+    if farthest > _FAR:
+        warn(
+            [
+                f"{command.map}: its origin is {farthest:.0f} m off, where positions are only good to "
+                f"{np.spacing(np.float32(farthest)):.2g} m: move the origin"
+            ]
+        )
     corrected, _ = correct_scans(log, configuration.lidar)
     prepared = prepare_inputs(corrected, configuration.thinning)
-    reference = read_tum(command.reference) if command.reference is not None else None
     key = jax.random.key(command.seed)
     # Not one of those of the steps, which count from 0.
     key_start = jax.random.fold_in(key, 2**32 - 1)
@@ -93,6 +105,7 @@ def _error(
     """In the map's own frame, from the first agreement on: before it there is no estimate."""
     assert log.odometry is not None  # `prepare_inputs` has looked
     if not result.agreed.any():
+        warn((f"{command.reference}: no error is given: the particles never agreed",))
         return None
     since = result.all_stamps >= result.stamps[np.argmax(result.agreed)]
     stamps, poses = reference

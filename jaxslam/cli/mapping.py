@@ -6,9 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
+from jaxtyping import Float64
 
 from jaxslam.configuration import Configuration
 from jaxslam.fusion import YawTrack
+from jaxslam.io import SensorLog, read_tum
 from jaxslam.io.sweep import SweepTiming
 from jaxslam.preparation import Prepared
 from jaxslam.run import RunResult, Snapshot, run_log
@@ -33,6 +36,36 @@ def warn_if_assumed(yaw: YawTrack) -> None:
     """Warns of an IMU of which nothing tells how it is mounted."""
     if yaw.source == "assumed":
         warn(["the log does not say how the IMU is mounted, nor does gravity: z is taken to point up"])
+
+
+def warn_if_unmounted(log: SensorLog) -> None:
+    """Warns of a lidar of which nothing tells how it is mounted, where no other warning has."""
+    told = any("mounting" in line or "mounted" in line for line in log.warnings)
+    if log.scans is not None and not log.scans.mounting_known and not told:
+        x, y, theta = log.scans.pose_base_lidar
+        warn([f"the log does not say how the lidar is mounted: taken as x {x:g} m, y {y:g} m, {theta:g} rad"])
+
+
+def read_reference(path: Path, log: SensorLog) -> tuple[Float64[np.ndarray, "M"], Float64[np.ndarray, "M 3"]]:
+    """Stamps and poses of a reference trajectory that belongs to a log.
+
+    Raises:
+        ValueError: its stamps run backwards, or fewer than two of its poses lie within the log. Found here,
+            it does not cost the run.
+    """
+    stamps, poses = read_tum(path)
+    if np.any(np.diff(stamps) < 0):
+        row = int(np.flatnonzero(np.diff(stamps) < 0)[0]) + 1
+        raise ValueError(f"{path}: the stamps run backwards at pose {row + 1} ({stamps[row]:.3f} s): sort it")
+    if log.scans is not None and len(log.scans.stamps):
+        first, last = float(log.scans.stamps[0]), float(log.scans.stamps[-1])
+        within = int(np.count_nonzero((stamps >= first - 1e-6) & (stamps <= last + 1e-6)))
+        if within < 2:
+            raise ValueError(
+                f"{path}: {within} of its {len(stamps)} poses ({stamps.min():.3f} to {stamps.max():.3f} s) "
+                f"lie within the log's scans ({first:.3f} to {last:.3f} s): is it that of another log?"
+            )
+    return stamps, poses
 
 
 def describe_timing(timing: SweepTiming | None) -> str:

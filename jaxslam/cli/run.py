@@ -5,9 +5,17 @@ import shlex
 
 from jaxslam.cli.arguments import Run
 from jaxslam.cli.effective import effective_configuration
-from jaxslam.cli.mapping import check_seed, map_log, print_summary, warn, warn_if_assumed
+from jaxslam.cli.mapping import (
+    check_seed,
+    map_log,
+    print_summary,
+    read_reference,
+    warn,
+    warn_if_assumed,
+    warn_if_unmounted,
+)
 from jaxslam.configuration import Configuration
-from jaxslam.io import SensorLog, read_log, read_relations, read_tum
+from jaxslam.io import SensorLog, read_log, read_relations
 from jaxslam.preparation import prepare
 from jaxslam.presets import detect_lidar
 from jaxslam.report import (
@@ -84,17 +92,14 @@ def _read(command: Run) -> SensorLog:
         imu_topic=command.imu_topic,
     )
     warn(log.warnings)
-    mounting_told = any("mounting" in line or "mounted" in line for line in log.warnings)
-    if log.scans is not None and not log.scans.mounting_known and not mounting_told:
-        x, y, theta = log.scans.pose_base_lidar
-        warn([f"the log does not say how the lidar is mounted: taken as x {x:g} m, y {y:g} m, {theta:g} rad"])
+    warn_if_unmounted(log)
     return log
 
 
 def _measures(command: Run, log: SensorLog):
     """A function from the result to its errors, with the files read already."""
     relations = read_relations(command.relations) if command.relations is not None else None
-    reference = read_tum(command.reference) if command.reference is not None else None
+    reference = read_reference(command.reference, log) if command.reference is not None else None
 
     def measure(result: RunResult) -> dict[str, object]:
         assert log.odometry is not None  # `prepare_inputs` has looked

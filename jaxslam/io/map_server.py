@@ -149,6 +149,12 @@ def read_map(path: str | Path) -> OccupancyMap:
     return OccupancyMap(occupied[::-1].copy(), free[::-1].copy(), resolution, np.array(pose))
 
 
+_FINEST, _COARSEST = 1e-4, 1e3
+"""Cells that a map of a place can have, metres."""
+_FARTHEST = 1e8
+"""Farther than any place on earth is from the origin of its coordinates, metres."""
+
+
 def _occupancy(
     image: GreyImage, mode: str, negate: bool
 ) -> tuple[Float64[np.ndarray, "H W"], Bool[np.ndarray, "H W"]]:
@@ -191,16 +197,24 @@ def _read_yaml(path: Path) -> Mapping[str, Any]:
 
 def _number(path: Path, entries: Mapping[str, Any], key: str, default: float | None = None) -> float:
     value = entries.get(key, default)
-    if not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise MapError(f"{path}: {key} is {value!r}: expected a number")
-    return float(value)
+    try:
+        number = float(value) if isinstance(value, (int, float)) else math.nan
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise MapError(f"{path}: {key} is {str(value)[:40]!r}: expected a number")
+    return number
 
 
 def _check_geometry(path: Path, resolution: float, origin: tuple[float, ...]) -> None:
     if not (math.isfinite(resolution) and resolution > 0):
         raise MapError(f"{path}: resolution is {resolution!r}: expected metres per cell, above 0")
-    if len(origin) != 3 or not np.isfinite(origin).all():
-        raise MapError(f"{path}: origin is {origin!r}: expected finite x, y, yaw")
+    if not _FINEST <= resolution <= _COARSEST:
+        raise MapError(
+            f"{path}: resolution is {resolution:g} m per cell: expected {_FINEST:g} to {_COARSEST:g}"
+        )
+    if len(origin) != 3 or not np.isfinite(origin).all() or np.abs(origin).max() > _FARTHEST:
+        raise MapError(f"{path}: origin is {origin!r}: expected x and y up to {_FARTHEST:g} m, and yaw")
 
 
 def _check_thresholds(path: Path, free: float, occupied: float) -> None:

@@ -56,7 +56,8 @@ class KnownMap(eqx.Module):
                 "thresholds and negate"
             )
         occupied = jnp.asarray(occupancy.occupied)
-        reach = int(np.ceil(max_distance / occupancy.resolution))
+        # Nothing is farther than the map is large.
+        reach = int(min(np.ceil(max_distance / occupancy.resolution), sum(occupancy.occupied.shape)))
         distance = jax.jit(distance_to_nearest)(occupied, reach) * jnp.float32(occupancy.resolution)
         return cls(
             occupied=occupied,

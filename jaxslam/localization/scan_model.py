@@ -175,7 +175,8 @@ class FieldModel(AbstractScanModel):
         points, valid = ends_in_cells(known, scan, self.max_beams)
         cells = known.in_cells(poses)
         if self.skipping.enabled:
-            is_near = (known.distance.reshape(-1) < self.skipping.near).astype(jnp.float32)
+            near = jnp.minimum(self.skipping.near, known.max_distance)
+            is_near = (known.distance.reshape(-1) < near).astype(jnp.float32)
             shares = share_near(known, is_near, cells, points, live)
             valid = self.skipping.kept(shares, valid, converged)
         counted = valid.astype(jnp.float32)
@@ -235,7 +236,8 @@ def share_on_map(
         near: metres.
     """
     points, valid = ends_in_cells(known, scan, scan.num_beams)
-    is_near = (known.distance.reshape(-1) < near).astype(jnp.float32)
+    # The map's distances go no farther than `max_distance`, which stands for all that are.
+    is_near = (known.distance.reshape(-1) < jnp.minimum(near, known.max_distance)).astype(jnp.float32)
     weights = valid.astype(jnp.float32)
     total = sum_over_beams(known, is_near, known.in_cells(pose[None]), points, weights)[0]
     return total / jnp.sum(weights)

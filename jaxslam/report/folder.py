@@ -2,6 +2,7 @@
 
 import json
 import math
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -36,12 +37,19 @@ def make_folder(folder: Path) -> None:
     """Makes a run folder, or takes one that is there: its files will be overwritten one by one.
 
     Raises:
-        ValueError: it is a file.
+        ValueError: it is a file, or nothing can be written into it.
         OSError: it cannot be made.
     """
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder}: is a file: give a folder with --out")
     folder.mkdir(parents=True, exist_ok=True)
+    try:
+        # Not by its mode alone: some file systems refuse what the mode allows. Before the work, not after it.
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        reason = f"cannot be written to ({error.strerror})"
+        raise ValueError(f"{folder}: {reason}: give another with --out") from None
 
 
 def write_run(

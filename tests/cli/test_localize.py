@@ -90,6 +90,10 @@ def test_the_written_configuration_is_one_to_give(drive, tmp_path):
         (["--global", "--set", "bins.translation=0"], "translation is 0.0"),
         (["--global", "--set", "bins.translation=0.001"], "raise bins.translation"),
         (["--global", "--particles", "0"], "give 1 or more"),
+        (["--global", "--set", "max_particles=99999999999999999999"], "lower max_particles"),
+        (["--global", "--set", "bins.translation=1e-320"], "too large or too small"),
+        (["--start", "5,5,0", "--set", "start.deviation=1e30"], "a start that unsure is --global"),
+        (["--global", "--set", "scan_model.beam.kind=beam"], "no setting is called"),
     ],
 )
 def test_wrong_flags_are_told(drive, tmp_path, capsys, flags, message):
@@ -105,9 +109,21 @@ def test_wrong_flags_are_told(drive, tmp_path, capsys, flags, message):
         (lambda f: f.joinpath("hall.pgm").unlink(), "hall.pgm"),
         (lambda f: f.joinpath("hall.pgm").write_bytes(f.joinpath("hall.pgm").read_bytes()[:500]), "hall.pgm"),
         (lambda f: _edit(f, "resolution: 0.05", "resolution: -0.05"), "resolution is -0.05"),
+        (lambda f: _edit(f, "resolution: 0.05", "resolution: 1e-30"), "expected 0.0001 to 1000"),
+        (lambda f: _edit(f, "resolution: 0.05", f"resolution: {10**400}"), "expected a number"),
+        (lambda f: _edit(f, "origin: [-0.5", "origin: [1e39"), "expected x and y up to 1e+08 m"),
         (lambda f: _edit(f, "negate: 0", "negate: 1"), None),
     ],
-    ids=["no map", "no image", "truncated image", "negative resolution", "negated"],
+    ids=[
+        "no map",
+        "no image",
+        "truncated image",
+        "negative resolution",
+        "tiny resolution",
+        "endless resolution",
+        "far origin",
+        "negated",
+    ],
 )
 def test_maps_that_cannot_be_used_are_told(drive, tmp_path, capsys, change, message):
     folder = tmp_path / "map"
@@ -132,6 +148,39 @@ def _edit(folder, old, new):
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new))
+
+
+def _shifted(path, source, rows, seconds):
+    stamps, poses = read_tum(source)
+    write_tum(path, stamps[rows] + seconds, poses[rows])
+    return path
+
+
+def test_a_reference_that_does_not_belong_is_found_before_the_run(drive, tmp_path, capsys):
+    folder, _ = drive
+    late = _shifted(tmp_path / "late.tum", folder / "truth.tum", slice(None), 1e4)
+    assert run(drive, tmp_path / "new", "--global", "--reference", str(late)) == 2
+    assert "late.tum: 0 of its 300 poses" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_reference_that_ends_before_the_particles_agree_costs_no_run(drive, tmp_path, capsys):
+    folder, _ = drive
+    early = _shifted(tmp_path / "early.tum", folder / "truth.tum", slice(0, 3), 0.0)
+    assert run(drive, tmp_path / "new", "--global", "--reference", str(early)) == 0
+    assert "early.tum: no error is given" in capsys.readouterr().err
+    metrics = json.loads((tmp_path / "new" / "metrics.json").read_text())
+    assert "ate" not in metrics
+    assert (tmp_path / "new" / "trajectory.tum").stat().st_size > 0
+
+
+def test_a_map_far_from_its_origin_is_warned_of(drive, tmp_path, capsys):
+    for name in ("hall.yaml", "hall.pgm"):
+        (tmp_path / name).write_bytes((drive[0] / name).read_bytes())
+    _edit(tmp_path, "origin: [-0.5", "origin: [4500000")
+    given = ["localize", str(drive[0] / "drive.log"), "--map", str(tmp_path / "hall.yaml"), "--global"]
+    assert main([*given, *SMALL, "--out", str(tmp_path / "out")]) == 0
+    assert "positions are only good to 0.5 m" in capsys.readouterr().err
 
 
 def test_a_map_without_free_space_is_told(drive, tmp_path, capsys):

@@ -104,6 +104,13 @@ def test_more_beams_do_not_make_a_scan_say_more():
     assert few == pytest.approx(many, rel=0.05)
 
 
+def test_near_is_no_farther_than_the_maps_distances_tell():
+    # Cut off at 0.2 m, every cell off the walls is as far as any other: it is not near.
+    known = KnownMap.of(room(), max_distance=0.2)
+    found = share_on_map(known, scan_of([0.5, 2.5, 1.5]), jnp.asarray(POSE, jnp.float32), 0.3)
+    assert float(found) == pytest.approx(2 / 3)
+
+
 def test_a_beam_never_counts_for_more_than_one():
     known = KnownMap.of(room())
     model = FieldModel(sigma_hit=0.5, independent_beams=10.0)

@@ -202,7 +202,7 @@ def _number(path: Path, entries: Mapping[str, Any], key: str, default: float | N
     except OverflowError:
         number = math.inf
     if not math.isfinite(number):
-        raise MapError(f"{path}: {key} is {str(value)[:40]!r}: expected a number")
+        raise MapError(f"{path}: {key} is {repr(value)[:40]}: expected a number")
     return number
 
 

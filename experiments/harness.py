@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from jaxslam.report import versions
+
 Arrays = dict[str, np.ndarray]
 
 
@@ -158,3 +160,18 @@ def spread_over_seeds(values: np.ndarray, digits: int = 3, scale: float = 1.0) -
     """`mean ± std (worst)` over seeds; the largest is the worst."""
     scaled = np.asarray(values, float) * scale
     return f"{scaled.mean():.{digits}f} ± {scaled.std():.{digits}f} ({scaled.max():.{digits}f})"
+
+
+def write_results(options: Options, text: str, duration: float) -> None:
+    """Writes the tables and what made them, and prints the tables.
+
+    Args:
+        options: where to.
+        text: the tables, Markdown.
+        duration: of a drive, seconds.
+    """
+    (options.out / "table.md").write_text(text, encoding="utf-8")
+    origin = {"seeds": options.seeds, "duration_s": duration, "versions": versions()}
+    (options.out / "run.json").write_text(json.dumps(origin, indent=1) + "\n")
+    print(text)
+    print(f"written to {options.out}")

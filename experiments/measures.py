@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int
 
 from jaxslam.grid import GridSpec
+from jaxslam.io import relative_poses
 from jaxslam.metrics import BinaryMap, map_score
 from jaxslam.preparation import Prepared
 from jaxslam.report.folder import occupancy_probability
@@ -19,10 +20,10 @@ TOLERANCE = 0.1
 """A wall within two cells of the true one counts as found, metres."""
 
 
-def on_the_worlds_grid(prepared: Prepared, world: World) -> Prepared:
+def on_the_worlds_grid(prepared: Prepared, world: World, margin: float = MARGIN) -> Prepared:
     """The same with maps that lie round the world: equal for every seed, so that all share a compilation."""
     lower, upper = world.bounds()
-    grid = GridSpec.covering(lower - MARGIN, upper + MARGIN, float(prepared.slam.grid.resolution))
+    grid = GridSpec.covering(lower - margin, upper + margin, float(prepared.slam.grid.resolution))
     return dataclasses.replace(prepared, slam=dataclasses.replace(prepared.slam, grid=grid))
 
 
@@ -33,6 +34,28 @@ def mean_pose(
     position = np.sum(weights[..., None] * particles[..., :2], axis=1)
     sine, cosine = (np.sum(weights * part(particles[..., 2]), axis=1) for part in (np.sin, np.cos))
     return np.concatenate([position, np.arctan2(sine, cosine)[:, None]], axis=1)
+
+
+def pose_errors(
+    truth: Float64[np.ndarray, "T 3"], estimate: Float64[np.ndarray, "T 3"]
+) -> tuple[Float64[np.ndarray, "T"], Float64[np.ndarray, "T"]]:
+    """How far an estimate is off at every step, metres, and how much it is turned, radians."""
+    error = relative_poses(truth, estimate)
+    return np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2])
+
+
+def of_the_first_seed(
+    result: RunResult, truth: Float64[np.ndarray, "T 3"], times: Float64[np.ndarray, "_"]
+) -> dict[str, np.ndarray]:
+    """What the pictures show, see `stack_seeds`: a map with its path, and the times of the curves."""
+    return {
+        "one_times": times,
+        "one_map": result.log_odds,
+        "one_resolution": np.asarray(result.grid.resolution, np.float64),
+        "one_origin": np.asarray(result.grid.origin, np.float64),
+        "one_path": result.trajectory,
+        "one_truth": truth,
+    }
 
 
 def true_map(world: World, grid: GridSpec, inside: Float64[np.ndarray, "2"]) -> BinaryMap:

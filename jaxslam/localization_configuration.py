@@ -24,6 +24,7 @@ from jaxslam.localization import (
 from jaxslam.localization.scan_model import AbstractScanModel
 from jaxslam.motion import AbstractMotionModel, OdometryMotion
 from jaxslam.presets import PRESETS, LidarPreset
+from jaxslam.range_network.network import RangeNetwork
 
 Number = float | Float[Array, ""]
 
@@ -117,19 +118,28 @@ class LocalizationConfiguration(eqx.Module):
         return dataclasses.replace(self, lidar=LidarSettings.of(preset))
 
 
-def build_localizer(configuration: LocalizationConfiguration, occupancy: OccupancyMap) -> AMCL:
-    """The filter of a configuration on a map.
-
-    Raises:
-        ValueError: the map has no obstacle or no free space, the bins are too small for it, or the particles
-            would not fit into memory.
-    """
+def require_memory(configuration: LocalizationConfiguration) -> None:
+    """Raises a `ValueError` where the particles would not fit into memory."""
     needed, available = configuration.max_particles * _BYTES_PER_PARTICLE, physical_memory()
     if needed > available or configuration.max_particles >= 2**31:
         raise ValueError(
             f"{configuration.max_particles} particles need {needed / 1e9:.3g} GB of the "
             f"{available / 1e9:.3g} GB there are: lower max_particles"
         )
+
+
+def build_localizer(
+    configuration: LocalizationConfiguration,
+    occupancy: OccupancyMap,
+    range_network: RangeNetwork | None = None,
+) -> AMCL:
+    """The filter of a configuration on a map, with the network that corrects its ranges, if any.
+
+    Raises:
+        ValueError: the map has no obstacle or no free space, the bins are too small for it, or the particles
+            would not fit into memory.
+    """
+    require_memory(configuration)
     known = KnownMap.of(occupancy, float(configuration.max_distance))
     bins = Bins.over(known, float(configuration.bins.translation), float(configuration.bins.rotation))
     if bins.count > _MAX_BINS:
@@ -150,5 +160,6 @@ def build_localizer(configuration: LocalizationConfiguration, occupancy: Occupan
         agreement=configuration.agreement,
         resample_below=configuration.resample_below,
         min_valid_beams=configuration.min_valid_beams,
+        range_network=range_network,
         max_particles=configuration.max_particles,
     )

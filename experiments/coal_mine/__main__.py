@@ -1,10 +1,10 @@
 """`python -m experiments.coal_mine [--smoke]`: runs everything, writes table and figures."""
 
-import json
 from collections.abc import Sequence
 
 import numpy as np
 
+from experiments.accuracy import ACCURACY_HEADER, accuracy_columns
 from experiments.coal_mine import localising, mapping
 from experiments.coal_mine.cells import run_cell
 from experiments.coal_mine.figures import draw_localisation, draw_particles, draw_roadways
@@ -17,10 +17,10 @@ from experiments.harness import (
     markdown_table,
     parse_options,
     spread_over_seeds,
+    write_results,
 )
 from experiments.method import Method
 from experiments.timing import milliseconds_per_scan
-from jaxslam.report import versions
 from jaxslam.settings import flatten
 
 QUESTION = "Does a Gaussian proposal keep the map of a roadway straight, and can a robot localise in it?"
@@ -54,11 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     localised = [_localising_row(task, which, results[f"{task}-{which}"]) for task, which in tasks]
     text = f"Mapping:\n\n{markdown_table(MAPPING_HEADER, mapped)}\n"
     text += f"Localisation:\n\n{markdown_table(LOCALISING_HEADER, localised)}"
-    (options.out / "table.md").write_text(text, encoding="utf-8")
-    origin = {"seeds": options.seeds, "duration_s": _duration(options), "versions": versions()}
-    (options.out / "run.json").write_text(json.dumps(origin, indent=1) + "\n")
-    print(text)
-    print(f"written to {options.out}")
+    write_results(options, text, _duration(options))
 
 
 def _duration(options: Options) -> float:
@@ -98,11 +94,7 @@ def _localising_cell(task: str, which: str, options: Options) -> Cell:
 
 
 MAPPING_HEADER = (
-    "method",
-    "particles",
-    "position RMSE, m",
-    "heading RMSE, °",
-    "IoU of walls (worst)",
+    *ACCURACY_HEADER,
     "IoU of free space",
     "length error, m",
     "width error, m",
@@ -113,13 +105,8 @@ MAPPING_HEADER = (
 
 
 def _mapping_row(method: Method, cell: Arrays, milliseconds: float) -> list[str]:
-    iou = cell["iou"]
     return [
-        method.title,
-        str(method.particles),
-        spread_over_seeds(cell["position_rmse"]),
-        spread_over_seeds(cell["heading_rmse"], digits=2, scale=57.29578),
-        f"{iou.mean():.3f} ± {iou.std():.3f} ({iou.min():.3f})",
+        *accuracy_columns(method, cell),
         f"{cell['free_iou'].mean():.3f}",
         spread_over_seeds(cell["length_error"]),
         spread_over_seeds(cell["width_error"]),

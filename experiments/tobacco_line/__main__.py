@@ -1,22 +1,21 @@
 """`python -m experiments.tobacco_line [--smoke]`: runs everything, writes table and figures."""
 
-import json
 from collections.abc import Sequence
 
+from experiments.accuracy import ACCURACY_HEADER, accuracy_columns
 from experiments.harness import (
     Arrays,
     Cell,
     compute,
     markdown_table,
     parse_options,
-    spread_over_seeds,
+    write_results,
 )
 from experiments.method import Method
 from experiments.timing import milliseconds_per_scan
 from experiments.tobacco_line.figures import DRAWN, draw_clouds, draw_errors, draw_halls
 from experiments.tobacco_line.methods import ABLATION, COMPARED, EQUAL, evaluations
 from experiments.tobacco_line.runs import METHODS, drive, run_cell
-from jaxslam.report import versions
 from jaxslam.settings import flatten
 
 QUESTION = "Do 15 particles of the improved filter do what 30 of the traditional one do?"
@@ -43,11 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     text = "\n".join(
         f"### {world}\n\n" + "\n".join(_tables(world, names, results, times)) for world in worlds
     )
-    (options.out / "table.md").write_text(text, encoding="utf-8")
-    origin = {"seeds": options.seeds, "duration_s": duration, "versions": versions()}
-    (options.out / "run.json").write_text(json.dumps(origin, indent=1) + "\n")
-    print(text)
-    print(f"written to {options.out}")
+    write_results(options, text, duration)
 
 
 def _cell(world: str, name: str, duration: float, seeds: int) -> Cell:
@@ -78,11 +73,7 @@ def _tables(world: str, names: list[str], results: dict[str, Arrays], times: dic
 
 
 HEADER = (
-    "method",
-    "particles",
-    "position RMSE, m",
-    "heading RMSE, °",
-    "IoU of walls (worst)",
+    *ACCURACY_HEADER,
     "particles around the truth, m",
     "spread, m",
     "evaluations per scan",
@@ -91,13 +82,8 @@ HEADER = (
 
 
 def _row(method: Method, cell: Arrays, milliseconds: float) -> list[str]:
-    iou = cell["iou"]
     return [
-        method.title,
-        str(method.particles),
-        spread_over_seeds(cell["position_rmse"]),
-        spread_over_seeds(cell["heading_rmse"], digits=2, scale=57.29578),
-        f"{iou.mean():.3f} ± {iou.std():.3f} ({iou.min():.3f})",
+        *accuracy_columns(method, cell),
         f"{cell['around_truth'].mean():.3f}",
         f"{cell['spread'].mean():.3f}",
         str(evaluations(method)),

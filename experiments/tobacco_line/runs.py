@@ -4,9 +4,14 @@ import jax
 import numpy as np
 
 from experiments.harness import Arrays, Cell, stack_seeds
-from experiments.measures import mean_pose, on_the_worlds_grid, wall_and_free_iou
+from experiments.measures import (
+    mean_pose,
+    of_the_first_seed,
+    on_the_worlds_grid,
+    pose_errors,
+    wall_and_free_iou,
+)
 from experiments.tobacco_line.methods import ABLATION, COMPARED, EQUAL
-from jaxslam.io import relative_poses
 from jaxslam.preparation import Prepared, prepare
 from jaxslam.run import run_log
 from jaxslam.sim import World, make_world, simulate, to_log
@@ -44,8 +49,7 @@ def _run_seed(settings, seed: int) -> Arrays:
     )
     # What the filter says at each scan, not what it knows in hindsight: the weighted mean of the particles.
     estimate = mean_pose(particles, weights)
-    error = relative_poses(truth, estimate)
-    position, heading = np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2])
+    position, heading = pose_errors(truth, estimate)
     off = particles[..., :2] - truth[:, None, :2]
     around_truth = np.sqrt(np.sum(weights * np.sum(off * off, axis=-1), axis=1))
     about = particles[..., :2] - estimate[:, None, :2]
@@ -63,12 +67,7 @@ def _run_seed(settings, seed: int) -> Arrays:
         "iou": np.asarray(score[0]),
         "free_iou": np.asarray(score[1]),
         "resamplings": np.asarray(result.resampled.sum()),
-        "one_times": times,
-        "one_map": result.log_odds,
-        "one_resolution": np.asarray(result.grid.resolution, np.float64),
-        "one_origin": np.asarray(result.grid.origin, np.float64),
-        "one_path": result.trajectory,
-        "one_truth": truth,
+        **of_the_first_seed(result, truth, times),
         "one_clouds": particles[kept],
         "one_cloud_truth": truth[kept],
     }

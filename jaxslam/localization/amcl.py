@@ -18,6 +18,7 @@ from jaxslam.localization.known_map import KnownMap
 from jaxslam.localization.recovery import Averages, Recovery
 from jaxslam.localization.scan_model import AbstractScanModel, share_on_map
 from jaxslam.motion.base import AbstractMotionModel
+from jaxslam.range_network.network import RangeNetwork, with_corrected_ranges
 from jaxslam.resampling.ess import effective_sample_size, normalise
 from jaxslam.resampling.fixed_point import cumulative_weights, pick
 from jaxslam.types import StepInputs
@@ -115,6 +116,7 @@ class AMCL(eqx.Module):
             over 1 resamples in every step.
         min_valid_beams: a scan with fewer among those that are looked at moves the particles by odometry
             alone.
+        range_network: corrects the ranges of every scan first; None leaves them as they are.
         max_particles: N (static).
 
     References:
@@ -132,7 +134,8 @@ class AMCL(eqx.Module):
     agreement: Agreement
     resample_below: float | Float[Array, ""]
     min_valid_beams: float | Float[Array, ""]
-    max_particles: int = eqx.field(static=True)
+    range_network: RangeNetwork | None = None
+    max_particles: int = eqx.field(static=True, kw_only=True)
 
     def init(self, key: PRNGKeyArray, pose0: Float[Array, "3"], covariance: Float[Array, "3 3"]) -> AMCLState:
         """Particles around a start.
@@ -172,6 +175,7 @@ class AMCL(eqx.Module):
 
     def step(self, key: PRNGKeyArray, state: AMCLState, inputs: StepInputs) -> tuple[AMCLState, AMCLInfo]:
         """Move, weigh, estimate, and draw as many particles as the belief needs."""
+        inputs = with_corrected_ranges(self.range_network, inputs)
         sizes = self._sizes()
         stage = jnp.sum(state.num_live > jnp.asarray(sizes[:-1], jnp.int32), dtype=jnp.int32)
         branches = [
@@ -281,8 +285,13 @@ class AMCL(eqx.Module):
         cumulative = cumulative_weights(jnp.exp(log_weights))
         positions = jax.random.randint(key_pick, (count,), jnp.uint32(0), cumulative[-1], jnp.uint32)
         picked = poses[pick(cumulative, positions)]
-        is_random = jax.random.uniform(key_which, (count,), jnp.float32) < random_share
-        drawn = jnp.where(is_random[:, None], self.known.draw_free(key_random, count), picked)
+
+        def mixed() -> tuple[Bool[Array, "count"], Float[Array, "count 3"]]:
+            is_random = jax.random.uniform(key_which, (count,), jnp.float32) < random_share
+            return is_random, jnp.where(is_random[:, None], self.known.draw_free(key_random, count), picked)
+
+        # Hardly ever, and drawing them takes as long as all the rest.
+        is_random, drawn = jax.lax.cond(random_share > 0.0, mixed, lambda: (jnp.zeros(count, bool), picked))
         bins = self.bins.index(self.known, drawn)
         num_needed = self.sampling.num_needed(bins, self.bins.count)
         num_random = jnp.sum(is_random & (jnp.arange(count) < num_needed), dtype=jnp.int32)

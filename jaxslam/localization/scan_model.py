@@ -117,7 +117,8 @@ class FieldModel(AbstractScanModel):
         sigma_hit: spread of end points around obstacles, metres.
         z_hit: weight of the beams that saw the map.
         z_rand: weight of those that saw something else.
-        independent_beams: how many independent beams a scan counts for, in the product.
+        independent_beams: how many independent beams a scan counts for, in the product. More, and rooms that
+            look alike are told apart by the map's own errors before the robot has seen the difference.
         max_range: of the lidar, for the cubes, metres.
         skipping: of beams that the map does not explain.
         combine: "product" or "cubes" (static).
@@ -133,7 +134,7 @@ class FieldModel(AbstractScanModel):
     sigma_hit: float | Float[Array, ""] = 0.2
     z_hit: float | Float[Array, ""] = 0.95
     z_rand: float | Float[Array, ""] = 0.05
-    independent_beams: float | Float[Array, ""] = 10.0
+    independent_beams: float | Float[Array, ""] = 5.0
     max_range: float | Float[Array, ""] = 80.0
     skipping: BeamSkipping = BeamSkipping()
     combine: str = eqx.field(static=True, default="product")

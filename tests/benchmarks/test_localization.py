@@ -77,6 +77,8 @@ def measure(benchmark, stage, size, call):
         num_beams=num_beams,
         device=jax.devices()[0].device_kind,
     )
+    # A step that fails is fast.
+    assert all(bool(jnp.isfinite(leaf).any()) for leaf in jax.tree.leaves(call()))
     benchmark.pedantic(lambda: jax.block_until_ready(call()), rounds=NUM_ROUNDS, warmup_rounds=NUM_WARM_UP)
     seconds = benchmark.stats.stats.median
     benchmark.extra_info["beams_per_second"] = num_particles * num_beams / seconds

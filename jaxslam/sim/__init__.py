@@ -1,8 +1,11 @@
 """Simulator: worlds, a robot that drives through them, and what its sensors report."""
 
+from jaxslam.sim.calibration import calibration_distances, calibration_run
+from jaxslam.sim.corridor import Corridor, build_corridor, corridor_loop, random_corridor
 from jaxslam.sim.imu import Imu, Inertial
 from jaxslam.sim.lidar import LIDARS, Lidar, lds_01, lds_02, rplidar_a1, sick, urg_04lx, vlp16_ring
 from jaxslam.sim.odometry import Odometry, OdometryErrors, WheelOdometry
+from jaxslam.sim.range_bias import RangeBias, draw_lds_01_bias, lds_01_accuracy
 from jaxslam.sim.raster import observable, rasterise, reachable
 from jaxslam.sim.raycast import cast_rays, cast_scan
 from jaxslam.sim.roadway import Roadway, build_roadway, random_roadway, roadway
@@ -14,32 +17,41 @@ from jaxslam.sim.worlds import WORLDS, hall_large, hall_small, make_world, rando
 __all__ = [
     "LIDARS",
     "WORLDS",
+    "Corridor",
     "Drive",
     "Imu",
     "Inertial",
     "Lidar",
     "Odometry",
     "OdometryErrors",
+    "RangeBias",
     "Roadway",
     "Robot",
     "Simulation",
     "WheelOdometry",
     "World",
     "box",
+    "build_corridor",
     "build_roadway",
+    "calibration_distances",
+    "calibration_run",
     "cast_rays",
     "cast_scan",
+    "corridor_loop",
     "disc",
+    "draw_lds_01_bias",
     "drive",
     "hall_large",
     "hall_small",
     "lds_01",
+    "lds_01_accuracy",
     "lds_02",
     "leg_clearances",
     "make_world",
     "observable",
     "place",
     "polyline",
+    "random_corridor",
     "random_hall",
     "random_roadway",
     "rasterise",

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from jaxslam import se2
 from jaxslam.sim.numeric import Scalar, standard_normal
+from jaxslam.sim.range_bias import RangeBias
 from jaxslam.sim.raycast import cast_rays
 from jaxslam.sim.world import World
 from jaxslam.types import LidarScan
@@ -19,9 +20,10 @@ class Lidar(eqx.Module):
     """Beam geometry, limits and noise of a lidar.
 
     A reading goes through these stages: true distance → short reading (something in the way) →
-    noise → drop-out → limits. Noise is Gaussian with variance
-    `sigma_constant² + (sigma_proportional · distance)²`. Scans are instantaneous: all beams of one
-    are taken from the pose at its stamp, without motion distortion.
+    bias → noise → drop-out → limits. Noise is Gaussian with variance
+    `sigma_constant² + (sigma_proportional · (distance − proportional_from))²`, the second term from there on.
+    Scans are instantaneous: all beams of one are taken from the pose at its stamp, without motion
+    distortion.
 
     Attributes:
         num_beams: number of beams `B` (static).
@@ -31,10 +33,12 @@ class Lidar(eqx.Module):
         range_max: readings at or over this are no return, metres.
         sigma_constant: metres.
         sigma_proportional: fraction of the distance.
+        proportional_from: distance at which that begins, metres.
         dropout_probability: chance of a beam to return nothing although it hit something.
         short_probability: chance of a beam to end on something that is not in the world (a person)
             at a distance uniform between 0 and the true one; 0 turns it off.
         pose_base_lidar: mounting on the robot's base: m, m, rad.
+        bias: mean reading minus distance; None for a lidar without.
         rate: scans per second (static).
     """
 
@@ -45,9 +49,11 @@ class Lidar(eqx.Module):
     range_max: Scalar
     sigma_constant: Scalar
     sigma_proportional: Scalar = 0.0
+    proportional_from: Scalar = 0.0
     dropout_probability: Scalar = 0.0
     short_probability: Scalar = 0.0
     pose_base_lidar: tuple[Scalar, Scalar, Scalar] = (0.0, 0.0, 0.0)
+    bias: RangeBias | None = None
     rate: float = eqx.field(default=10.0, static=True)
 
     def __check_init__(self) -> None:
@@ -96,8 +102,10 @@ class Lidar(eqx.Module):
         seen = jnp.where(chance_short < self.short_probability, reach * where_short, distances)
         # Where nothing is hit the distance is infinite: kept out of the arithmetic only.
         finite = jnp.where(jnp.isfinite(seen), seen, 0.0)
-        sigma = jnp.hypot(jnp.asarray(self.sigma_constant), self.sigma_proportional * finite)
-        measured = finite + sigma * noise
+        growing = jnp.maximum(finite - self.proportional_from, 0.0)
+        sigma = jnp.hypot(jnp.asarray(self.sigma_constant), self.sigma_proportional * growing)
+        biased = finite if self.bias is None else finite + self.bias(finite)
+        measured = biased + sigma * noise
         valid = (
             jnp.isfinite(seen)
             & (chance_dropout >= self.dropout_probability)
@@ -156,10 +164,12 @@ def rplidar_a1() -> Lidar:
     )
 
 
-def lds_01() -> Lidar:
-    """LDS-01 on a TurtleBot3: 360 beams over 360°, 0.12–3.5 m, precision ±10 mm and ±3.5 %, 5 Hz.
+def lds_01(bias: RangeBias | None = None) -> Lidar:
+    """LDS-01 on a TurtleBot3: 360 beams over 360°, 0.12–3.5 m, ±10 mm to 0.5 m, then up to ±3.5 %, 5 Hz.
 
-    Only its precision is modelled: its accuracy (±15 mm, ±5 %) is a bias, which is left out.
+    Args:
+        bias: of one device, as `draw_lds_01_bias` draws it: accuracy (±15 mm, ±5 %), where the numbers above
+            are precision. None for a device without.
     """
     return Lidar(
         num_beams=360,
@@ -169,7 +179,9 @@ def lds_01() -> Lidar:
         range_max=3.5,
         sigma_constant=0.01 / 3,
         sigma_proportional=0.035 / 3,
+        proportional_from=0.5,
         pose_base_lidar=(-0.032, 0.0, 0.0),
+        bias=bias,
         rate=5.0,
     )
 

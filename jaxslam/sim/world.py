@@ -101,6 +101,31 @@ def disc(centre: tuple[float, float], radius: float, *, sides: int = 16) -> Floa
     return polyline(circle + np.asarray(centre), closed=True)
 
 
+def walls(
+    size: tuple[float, float], depth: float, niches: list[list[tuple[float, float]]]
+) -> Float64[np.ndarray, "_ 4"]:
+    """The wall around a hall, set back by niches (doors, windows) that reach the outer bounds.
+
+    Args:
+        size: outer bounds from the origin, metres.
+        depth: how far the wall stands inside the bounds, metres.
+        niches: those of the lower, right, upper and left wall as (start, width), metres, counted
+            counter-clockwise from the corner where the wall begins.
+    """
+    width, height = size
+    corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
+    directions = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+    points = []
+    for index, (corner, side) in enumerate(zip(corners, niches, strict=True)):
+        outline = [(depth, depth)]
+        for start, opening in side:
+            end = start + opening
+            outline += [(start, depth), (start, 0.0), (end, 0.0), (end, depth)]
+        along, inwards = directions[index], directions[(index + 1) % 4]
+        points.append(corner + np.array(outline) @ np.stack([along, inwards]))
+    return polyline(np.concatenate(points), closed=True)
+
+
 def leg_clearances(
     segments: Float64[np.ndarray, "S 4"], waypoints: Float64[np.ndarray, "W 2"]
 ) -> Float64[np.ndarray, "W"]:

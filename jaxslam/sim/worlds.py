@@ -12,8 +12,9 @@ import jax
 import numpy as np
 from jaxtyping import Float64, PRNGKeyArray
 
+from jaxslam.sim.corridor import corridor_loop
 from jaxslam.sim.roadway import roadway
-from jaxslam.sim.world import World, box, disc, place, polyline
+from jaxslam.sim.world import World, box, disc, place, polyline, walls
 
 
 def hall_small() -> tuple[World, Float64[np.ndarray, "W 2"]]:
@@ -150,6 +151,7 @@ WORLDS: dict[str, Callable[[], tuple[World, Float64[np.ndarray, "W 2"]]]] = {
     "hall_small": hall_small,
     "hall_large": hall_large,
     "roadway": roadway,
+    "corridor_loop": corridor_loop,
 }
 
 
@@ -165,31 +167,6 @@ def make_world(name: str) -> tuple[World, Float64[np.ndarray, "W 2"]]:
             f"no world is called {name!r}: did you mean {nearest!r}? There are {', '.join(WORLDS)}"
         )
     return WORLDS[name]()
-
-
-def walls(
-    size: tuple[float, float], depth: float, niches: list[list[tuple[float, float]]]
-) -> Float64[np.ndarray, "_ 4"]:
-    """The wall around a hall, set back by niches (doors, windows) that reach the outer bounds.
-
-    Args:
-        size: outer bounds from the origin, metres.
-        depth: how far the wall stands inside the bounds, metres.
-        niches: those of the lower, right, upper and left wall as (start, width), metres, counted
-            counter-clockwise from the corner where the wall begins.
-    """
-    width, height = size
-    corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
-    directions = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
-    points = []
-    for index, (corner, side) in enumerate(zip(corners, niches, strict=True)):
-        outline = [(depth, depth)]
-        for start, opening in side:
-            end = start + opening
-            outline += [(start, depth), (start, 0.0), (end, 0.0), (end, depth)]
-        along, inwards = directions[index], directions[(index + 1) % 4]
-        points.append(corner + np.array(outline) @ np.stack([along, inwards]))
-    return polyline(np.concatenate(points), closed=True)
 
 
 def cabin(

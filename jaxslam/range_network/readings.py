@@ -1,0 +1,192 @@
+"""Readings of a wall at known distances, from tables and bags."""
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int
+
+from jaxslam.io import read_log
+
+_COLUMNS = ("true_m", "measured_m")
+_LONGEST = 500.0
+"""No 2D lidar sees farther, metres: such numbers are millimetres."""
+_REPEATED, _MORE = 5, 2
+"""Columns are taken for exchanged where each reading comes that many times on average, and there are so many
+times as many distances as readings."""
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What a lidar read, and what it should have.
+
+    Attributes:
+        true: `[M]` distances of the wall, metres.
+        measured: `[M]` readings, metres.
+        num_lost: readings without a return, which are left out.
+    """
+
+    true: Float64[np.ndarray, "M"]
+    measured: Float64[np.ndarray, "M"]
+    num_lost: int = 0
+
+    def __post_init__(self):
+        if len(self.true) != len(self.measured):
+            raise ValueError(
+                f"{len(self.true)} distances for {len(self.measured)} readings: give one for each"
+            )
+
+    @property
+    def distances(self) -> Float64[np.ndarray, "D"]:
+        """The different true distances, ascending, metres."""
+        return np.unique(self.true)
+
+    def where(self, chosen: Bool[np.ndarray, "M"]) -> "Readings":
+        """Those of the readings that a mask chooses."""
+        return Readings(self.true[chosen], self.measured[chosen])
+
+    def means(self) -> "Readings":
+        """One reading for each distance, the mean of all there."""
+        distances, at = np.unique(self.true, return_inverse=True)
+        return Readings(distances, np.bincount(at, self.measured) / np.bincount(at))
+
+    @classmethod
+    def joined(cls, parts: Sequence["Readings"]) -> "Readings":
+        """All readings of several recordings."""
+        return cls(
+            np.concatenate([part.true for part in parts]),
+            np.concatenate([part.measured for part in parts]),
+            sum(part.num_lost for part in parts),
+        )
+
+
+def read_readings(source: str, *, bearing: float = 0.0) -> Readings:
+    """Readings from a table or a recording.
+
+    Args:
+        source: the path of a CSV file with the columns `true_m` and `measured_m`, metres; or `PATH:DISTANCE`,
+            a log of a robot that stands before a wall, and how far off that is, metres.
+        bearing: of the beam that faces the wall, in the lidar's frame, radians.
+
+    Raises:
+        ValueError: there is nothing to learn from in it.
+        OSError: it cannot be read.
+    """
+    path, colon, distance = source.rpartition(":")
+    if colon and _number(distance) is not None:
+        return read_wall_log(Path(path), float(distance), bearing=bearing)
+    if Path(source).suffix.lower() != ".csv":
+        raise ValueError(
+            f"{source}: give a table as FILE.csv, and a log with the distance of the wall in metres, "
+            f"as {source}:1.5"
+        )
+    return read_readings_csv(Path(source))
+
+
+def read_wall_log(path: Path, distance: float, *, bearing: float = 0.0) -> Readings:
+    """Readings of the one beam that faces a wall; see `read_readings`."""
+    if not (math.isfinite(distance) and 0.0 < distance < _LONGEST):
+        raise ValueError(f"{path}: its wall is said to be {distance:g} m off: give metres, more than 0")
+    if not math.isfinite(bearing):
+        raise ValueError(f"{path}: a bearing of {bearing:g}: give radians")
+    scans = read_log(path).scans
+    if scans is None or not len(scans.ranges):
+        raise ValueError(f"{path}: no scan in it")
+    beams = np.arange(scans.ranges.shape[1])
+    angles = scans.angle_min[:, None] + scans.angle_increment[:, None] * beams
+    off = np.abs(np.angle(np.exp(1j * (angles - bearing))))
+    beam = np.argmin(off, axis=1)[:, None]
+    nearest = np.take_along_axis(off, beam, axis=1)[:, 0]
+    if np.any(nearest > np.abs(scans.angle_increment)):
+        raise ValueError(
+            f"{path}: no beam at a bearing of {bearing:g} rad: the nearest is {nearest.max():.3g} off"
+        )
+    ranges = np.take_along_axis(scans.ranges, beam, axis=1)[:, 0].astype(np.float64)
+    return _with_returns(str(path), np.full(len(ranges), distance), ranges)
+
+
+def read_readings_csv(path: Path) -> Readings:
+    """Readings from a table; see `read_readings`."""
+    with path.open(newline="", encoding="utf-8-sig", errors="replace") as stream:
+        try:
+            rows = [
+                (number, row) for number, row in enumerate(csv.reader(stream), 1) if any(map(str.strip, row))
+            ]
+        except csv.Error as error:
+            raise ValueError(f"{path}: no table: {error}") from None
+    if not rows:
+        raise ValueError(f"{path}: empty; it should have the columns {' and '.join(_COLUMNS)}")
+    header = [name.strip().lower() for name in rows[0][1]]
+    missing = [name for name in _COLUMNS if name not in header]
+    if missing:
+        raise ValueError(
+            f"{path}: no column {' nor '.join(missing)} in its first line ({', '.join(header)}): "
+            f"give the columns {' and '.join(_COLUMNS)}, metres"
+        )
+    places = [header.index(name) for name in _COLUMNS]
+    numbers = [_row(path, line, row, places) for line, row in rows[1:]]
+    if not numbers:
+        raise ValueError(f"{path}: no readings below its first line")
+    true, measured = np.asarray(numbers, np.float64).T
+    lines = np.asarray([line for line, _ in rows[1:]])
+    _check_distances(path, true, measured, lines)
+    return _with_returns(str(path), true, measured)
+
+
+def _row(path: Path, line: int, row: list[str], places: list[int]) -> tuple[float, float]:
+    texts = [row[place].strip() if place < len(row) else "" for place in places]
+    # A lidar's reading may well be empty: nothing came back.
+    true, measured = _number(texts[0]), _number(texts[1] or "nan")
+    for name, text, number in zip(_COLUMNS, texts, (true, measured), strict=True):
+        if number is None:
+            raise ValueError(f"{path}: line {line}: {name} is {text!r}, which is no number")
+    assert true is not None
+    assert measured is not None
+    return true, measured
+
+
+def _check_distances(
+    path: Path,
+    true: Float64[np.ndarray, "M"],
+    measured: Float64[np.ndarray, "M"],
+    lines: Int[np.ndarray, "M"],
+) -> None:
+    """Raises a `ValueError` for distances that are none, and for columns that were exchanged."""
+    read = measured[np.isfinite(measured) & (measured > 0)]
+    num_true, num_read = len(np.unique(true)), len(np.unique(read))
+    # A wall stands at few distances and is read as many.
+    if len(read) > _REPEATED * num_read and num_true > _MORE * num_read:
+        raise ValueError(
+            f"{path}: true_m has {num_true} different values and measured_m {num_read}, where a wall stands "
+            "at few distances and is read as many: are the columns exchanged?"
+        )
+    bad = np.flatnonzero(~np.isfinite(true) | (true <= 0))
+    if len(bad):
+        raise ValueError(
+            f"{path}: line {lines[bad[0]]}: true_m is {true[bad[0]]:g}: give metres, more than 0 (a reading "
+            "may be lost, a distance not: are the columns exchanged?)"
+        )
+    far = np.flatnonzero(true > _LONGEST)
+    if len(far):
+        raise ValueError(
+            f"{path}: line {lines[far[0]]}: a wall {true[far[0]]:g} m off: are these millimetres? Give metres"
+        )
+
+
+def _with_returns(name: str, true: Float64[np.ndarray, "M"], measured: Float64[np.ndarray, "M"]) -> Readings:
+    returned = np.isfinite(measured) & (measured > 0)
+    if not returned.any():
+        raise ValueError(f"{name}: none of its {len(measured)} readings is a distance")
+    if float(np.median(measured[returned])) > _LONGEST:
+        raise ValueError(f"{name}: readings of {np.median(measured[returned]):g} m: are these millimetres?")
+    return Readings(true[returned], measured[returned], int(np.count_nonzero(~returned)))
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None

@@ -1,0 +1,194 @@
+"""Training: Levenberg–Marquardt until the error on readings it has not seen stops falling."""
+
+import dataclasses
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax
+import numpy as np
+import optax
+import optimistix
+from jaxtyping import Array, Float, Float64, Int
+
+from jaxslam.range_network.network import RangeNetwork
+
+_Parameters = tuple[Float[Array, "H"], Float[Array, "H"], Float[Array, "H"], Float[Array, ""]]
+
+
+class Rows(eqx.Module):
+    """Readings to learn from; equal ones count as one row with their number for a weight.
+
+    The squared error summed over rows differs from that over single readings by a constant.
+
+    Attributes:
+        measured: `[R]` metres.
+        true: `[R]` mean true distance of the readings, metres.
+        weight: `[R]` their share of all; the sum is 1.
+        scatter: mean square of what the true distances are spread within rows, m²: the constant.
+    """
+
+    measured: Float[Array, "R"]
+    true: Float[Array, "R"]
+    weight: Float[Array, "R"]
+    scatter: Float[Array, ""]
+
+    @classmethod
+    def of(
+        cls, measured: Float64[np.ndarray, "M"], true: Float64[np.ndarray, "M"], resolution: float = 1e-3
+    ) -> "Rows":
+        """Rows of single readings.
+
+        Args:
+            measured: `[M]` readings, metres, M ≥ 1.
+            true: `[M]` distances at which they were taken, metres.
+            resolution: readings that agree within this are one row, metres; a lidar's own is 1 mm.
+        """
+        cells, row = np.unique(np.round(measured / resolution).astype(np.int64), return_inverse=True)
+        count = np.bincount(row, minlength=len(cells)).astype(float)
+        mean_measured, mean_true, mean_square = (
+            np.bincount(row, values, len(cells)) / count for values in (measured, true, true * true)
+        )
+        scatter = np.sum(count * np.maximum(mean_square - mean_true**2, 0.0)) / len(measured)
+        narrow = partial(jnp.asarray, dtype=jnp.float32)
+        return cls(narrow(mean_measured), narrow(mean_true), narrow(count / len(measured)), narrow(scatter))
+
+
+class Fit(eqx.Module):
+    """What came out of one training.
+
+    Attributes:
+        network: that of the lowest validation error.
+        steps: taken until then.
+        history: `[T, 2]` mean squared error in training and in validation after each step, m²; NaN for those
+            that were not taken.
+    """
+
+    network: RangeNetwork
+    steps: Int[Array, ""]
+    history: Float[Array, "T 2"]
+
+    @property
+    def mse(self) -> Float[Array, "2"]:
+        """In training and in validation, m², of the network kept."""
+        return self.history[jnp.maximum(self.steps - 1, 0)]
+
+
+def mean_squared_error(network: RangeNetwork, rows: Rows) -> Float[Array, ""]:
+    """Over the readings behind the rows, m²."""
+    residuals = network(rows.measured) - rows.true
+    return jnp.sum(rows.weight * residuals * residuals) + rows.scatter
+
+
+@partial(jax.jit, static_argnames="max_steps")
+def fit_levenberg_marquardt(
+    network: RangeNetwork,
+    training: Rows,
+    validation: Rows,
+    patience: int | Int[Array, ""] = 30,
+    *,
+    max_steps: int = 300,
+) -> Fit:
+    """Trains by Levenberg–Marquardt with early stopping.
+
+    Args:
+        network: to start from.
+        training: what it learns from.
+        validation: other readings, whose error decides when to stop and which step is kept.
+        patience: steps without a better validation error after which it stops.
+        max_steps: it stops at the latest then (static).
+
+    References:
+        The third paper, "ann"; the solver is optimistix's.
+    """
+    solver: Any = optimistix.LevenbergMarquardt(
+        rtol=1e-8, atol=1e-8, linear_solver=lineax.Normal(lineax.Cholesky())
+    )
+
+    def residuals(parameters: _Parameters, rows: Rows) -> tuple[Float[Array, "R"], None]:
+        predicted = _with_parameters(network, parameters)(rows.measured)
+        return jnp.sqrt(rows.weight) * (predicted - rows.true), None
+
+    start = _parameters(network)
+    shape = jax.eval_shape(lambda: residuals(start, training)[0])
+    begun = solver.init(residuals, start, training, {}, shape, None, frozenset())
+    arrays, static = eqx.partition(begun, eqx.is_array)
+
+    def step(parameters: _Parameters, arrays: Any) -> tuple[_Parameters, Any]:
+        state = eqx.combine(arrays, static)
+        parameters, state, _ = solver.step(residuals, parameters, training, {}, state, frozenset())
+        return parameters, eqx.filter(state, eqx.is_array)
+
+    return _early_stopping(network, step, arrays, training, validation, patience, max_steps)
+
+
+@partial(jax.jit, static_argnames="max_steps")
+def fit_adam(
+    network: RangeNetwork,
+    training: Rows,
+    validation: Rows,
+    patience: int | Int[Array, ""] = 1000,
+    *,
+    learning_rate: float | Float[Array, ""] = 3e-3,
+    max_steps: int = 20_000,
+) -> Fit:
+    """Trains by Adam on all readings at once, for comparison; as `fit_levenberg_marquardt` otherwise."""
+    optimiser = optax.adam(learning_rate)
+
+    def loss(parameters: _Parameters) -> Float[Array, ""]:
+        return mean_squared_error(_with_parameters(network, parameters), training)
+
+    def step(parameters: _Parameters, state: Any) -> tuple[_Parameters, Any]:
+        updates, state = optimiser.update(jax.grad(loss)(parameters), state)
+        return optax.apply_updates(parameters, updates), state
+
+    state = optimiser.init(_parameters(network))
+    return _early_stopping(network, step, state, training, validation, patience, max_steps)
+
+
+def _early_stopping(
+    network: RangeNetwork,
+    step: Any,
+    state: Any,
+    training: Rows,
+    validation: Rows,
+    patience: int | Int[Array, ""],
+    max_steps: int,
+) -> Fit:
+    """Steps until the validation error has not fallen for `patience` of them; keeps the best."""
+
+    def errors(parameters: _Parameters) -> Float[Array, "2"]:
+        trained = _with_parameters(network, parameters)
+        return jnp.stack([mean_squared_error(trained, rows) for rows in (training, validation)])
+
+    def going(carry: tuple) -> Array:
+        _, _, _, best_step, done, _ = carry
+        return (done < max_steps) & (done - best_step < patience)
+
+    def body(carry: tuple) -> tuple:
+        parameters, state, best, best_step, done, history = carry
+        parameters, state = step(parameters, state)
+        now = errors(parameters)
+        history = history.at[done].set(now)
+        lowest = jnp.where(best_step > 0, history[jnp.maximum(best_step - 1, 0), 1], jnp.inf)
+        better = now[1] < lowest
+        best = jax.tree.map(lambda new, old: jnp.where(better, new, old), parameters, best)
+        return parameters, state, best, jnp.where(better, done + 1, best_step), done + 1, history
+
+    start, zero = _parameters(network), jnp.zeros((), jnp.int32)
+    carry = (start, state, start, zero, zero, jnp.full((max_steps, 2), jnp.nan, jnp.float32))
+    _, _, best, best_step, _, history = jax.lax.while_loop(going, body, carry)
+    return Fit(_with_parameters(network, best), best_step, history)
+
+
+def _parameters(network: RangeNetwork) -> _Parameters:
+    return network.weights_in, network.biases, network.weights_out, network.bias_out
+
+
+def _with_parameters(network: RangeNetwork, parameters: _Parameters) -> RangeNetwork:
+    weights_in, biases, weights_out, bias_out = parameters
+    return dataclasses.replace(
+        network, weights_in=weights_in, biases=biases, weights_out=weights_out, bias_out=bias_out
+    )

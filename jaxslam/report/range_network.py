@@ -1,0 +1,227 @@
+"""What a network does to a lidar's readings: the error table and the third paper's figures 8 to 13."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float64
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from jaxslam.range_network.learning import Learnt, Split
+from jaxslam.range_network.network import RangeNetwork
+from jaxslam.range_network.readings import Readings
+from jaxslam.report.folder import write_json
+from jaxslam.viz import style
+
+PAPERS_MSE = 9.55e-5
+"""Of the third paper, at the distances that its network had learnt, m²."""
+_RAW, _CORRECTED = style.REFERENCE, style.ESTIMATE
+_ROLES = {"training": "learnt from", "validation": "validation", "held_out": "held out"}
+_SHOWN = (1.0, 3.0)
+"""Distances of the histograms, metres."""
+
+
+@dataclass(frozen=True)
+class DistanceErrors:
+    """What the readings at one distance are off by, metres.
+
+    Attributes:
+        distance: true distance.
+        role: "learnt from", "validation" or "held out".
+        count: readings.
+        raw_mean, raw_std: of reading minus distance.
+        corrected_mean, corrected_std: the same after the correction.
+    """
+
+    distance: float
+    role: str
+    count: int
+    raw_mean: float
+    raw_std: float
+    corrected_mean: float
+    corrected_std: float
+
+
+@dataclass(frozen=True)
+class RoleErrors:
+    """What all readings of a role are off by.
+
+    Attributes:
+        role: as in `DistanceErrors`.
+        raw_rmse: before the correction, metres.
+        corrected_rmse: after it, metres.
+        noise: root mean square of what readings at one distance scatter about their own mean, metres: the
+            floor for a correction by distance, but for the noise that it flattens.
+    """
+
+    role: str
+    raw_rmse: float
+    corrected_rmse: float
+    noise: float
+
+
+def distance_errors(network: RangeNetwork, readings: Readings, split: Split) -> list[DistanceErrors]:
+    """Error by distance, ascending."""
+    corrected = corrected_readings(network, readings)
+    rows = []
+    for distance in readings.distances:
+        at = readings.true == distance
+        role = next(title for name, title in _ROLES.items() if np.any(getattr(split, name)[at]))
+        raw, after = readings.measured[at] - distance, corrected[at] - distance
+        rows.append(
+            DistanceErrors(
+                float(distance),
+                role,
+                int(at.sum()),
+                float(raw.mean()),
+                float(raw.std()),
+                float(after.mean()),
+                float(after.std()),
+            )
+        )
+    return rows
+
+
+def role_errors(rows: list[DistanceErrors]) -> list[RoleErrors]:
+    """Errors over all readings of each role."""
+    found = []
+    for role in dict.fromkeys(row.role for row in rows):
+        chosen = [row for row in rows if row.role == role]
+        count = np.array([row.count for row in chosen], float)
+
+        def root(squares: list[float], count=count) -> float:
+            return float(np.sqrt(np.average(squares, weights=count)))
+
+        found.append(
+            RoleErrors(
+                role,
+                root([row.raw_mean**2 + row.raw_std**2 for row in chosen]),
+                root([row.corrected_mean**2 + row.corrected_std**2 for row in chosen]),
+                root([row.raw_std**2 for row in chosen]),
+            )
+        )
+    return found
+
+
+def corrected_readings(network: RangeNetwork, readings: Readings) -> Float64[np.ndarray, "M"]:
+    """The readings after the network, metres."""
+    return np.asarray(network(jnp.asarray(readings.measured, jnp.float32)), np.float64)
+
+
+def error_table(rows: list[DistanceErrors]) -> str:
+    """Errors by distance in millimetres, and by role, as text."""
+    lines = [
+        f"{'distance':>10} {'readings':>9} {'error':>16} {'corrected':>16}  ",
+        f"{'m':>10} {'':>9} {'mean ± std, mm':>16} {'mean ± std, mm':>16}  role",
+    ]
+    lines += [
+        f"{row.distance:>10.3f} {row.count:>9} {1e3 * row.raw_mean:>+8.1f} ± {1e3 * row.raw_std:<5.1f} "
+        f"{1e3 * row.corrected_mean:>+8.1f} ± {1e3 * row.corrected_std:<5.1f}  {row.role}"
+        for row in rows
+    ]
+    lines += ["", f"{'RMSE, mm':>20} {'raw':>8} {'corrected':>10} {'noise':>8}"]
+    lines += [
+        f"{row.role:>20} {1e3 * row.raw_rmse:>8.2f} {1e3 * row.corrected_rmse:>10.2f} {1e3 * row.noise:>8.2f}"
+        for row in role_errors(rows)
+    ]
+    return "\n".join(lines)
+
+
+def write_training(
+    folder: Path, learnt: Learnt, readings: Readings, origin: dict[str, object]
+) -> list[DistanceErrors]:
+    """Writes the figures and `training.json` into a folder that is there; returns the error by distance.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    rows = distance_errors(learnt.network, readings, learnt.split)
+    _save_figures(folder, learnt, readings, rows)
+    write_json(
+        folder / "training.json",
+        {
+            **origin,
+            "readings": len(readings.true),
+            "lost": readings.num_lost,
+            "attempts": [asdict(attempt) for attempt in learnt.attempts],
+            "distances": [asdict(row) for row in rows],
+            "roles": [asdict(row) for row in role_errors(rows)],
+        },
+    )
+    return rows
+
+
+def _save_figures(folder: Path, learnt: Learnt, readings: Readings, rows: list[DistanceErrors]) -> None:
+    """Figures 8 to 13: readings over distances, errors, histograms at two distances, standard deviations."""
+    distance = np.array([row.distance for row in rows])
+    held_out = np.array([row.role == "held out" for row in rows])
+    pairs = (("raw", _RAW, "read"), ("corrected", _CORRECTED, "corrected"))
+
+    def mean(name: str) -> Float64[np.ndarray, "D"]:
+        return np.array([getattr(row, f"{name}_mean") for row in rows])
+
+    def deviation(name: str) -> Float64[np.ndarray, "D"]:
+        return np.array([getattr(row, f"{name}_std") for row in rows])
+
+    figure, (ax,) = _figure(1)
+    ax.plot(distance, distance, color=style.NEUTRAL, linewidth=0.8, label="true")
+    for name, color, label in pairs:
+        ax.plot(distance, distance + mean(name), ".", color=color, label=label)
+    style.curve_axes(ax, "distance (m)", "mean reading (m)")
+    _save(figure, folder / "readings.png")
+
+    figure, (ax,) = _figure(1)
+    ax.axhline(0.0, color=style.NEUTRAL, linewidth=0.8)
+    for name, color, label in pairs:
+        ax.plot(distance, 1e3 * mean(name), "-", color=color, linewidth=1.0)
+        ax.plot(distance[~held_out], 1e3 * mean(name)[~held_out], "o", color=color, markersize=4, label=label)
+        ax.plot(distance[held_out], 1e3 * mean(name)[held_out], "D", color=color, mfc="w", markersize=6)
+    if held_out.any():
+        ax.plot([], [], "D", color=style.NEUTRAL, mfc="w", label="held out")
+    style.curve_axes(ax, "distance (m)", "mean error (mm)")
+    _save(figure, folder / "errors.png")
+
+    corrected = corrected_readings(learnt.network, readings)
+    figure, axes = _figure(len(_SHOWN))
+    for ax, wanted in zip(axes, _SHOWN, strict=True):
+        nearest = distance[np.argmin(np.abs(distance - wanted))]
+        at = readings.true == nearest
+        both = np.concatenate([readings.measured[at], corrected[at]])
+        bins = np.linspace(both.min(), both.max() + 1e-6, 60).tolist()
+        for values, (_, color, label) in zip((readings.measured[at], corrected[at]), pairs, strict=True):
+            ax.hist(values, bins=bins, color=color, alpha=0.6, label=label)
+        ax.axvline(nearest, color=style.NEUTRAL, linewidth=1.0)
+        ax.set_title(f"{nearest:g} m", fontsize="medium")
+        style.curve_axes(ax, "reading (m)", "readings")
+    _save(figure, folder / "histograms.png")
+
+    figure, (ax,) = _figure(1)
+    for name, color, label in pairs:
+        ax.plot(distance, 1e3 * deviation(name), ".-", color=color, linewidth=1.0, label=label)
+    style.curve_axes(ax, "distance (m)", "standard deviation (mm)")
+    ax.set_ylim(bottom=0.0)
+    _save(figure, folder / "deviations.png")
+
+    figure, (ax,) = _figure(1)
+    history = np.sqrt(np.asarray(learnt.fit.history, np.float64))
+    history = history[np.isfinite(history[:, 0])]
+    for values, color, label in zip(history.T, (_RAW, _CORRECTED), ("training", "validation"), strict=True):
+        ax.semilogy(np.arange(1, len(values) + 1), 1e3 * values, color=color, label=label)
+    ax.axvline(int(learnt.fit.steps), color=style.NEUTRAL, linewidth=0.8, linestyle="--", label="kept")
+    style.curve_axes(ax, "step", "RMSE (mm)")
+    _save(figure, folder / "training.png")
+
+
+def _figure(columns: int) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(5.0 * columns + 1.0, 4.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, list(np.atleast_1d(figure.subplots(1, columns)))
+
+
+def _save(figure: Figure, path: Path) -> None:
+    for ax in figure.axes:
+        style.add_legend(ax)
+    figure.savefig(path, dpi=120)

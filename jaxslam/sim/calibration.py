@@ -1,0 +1,33 @@
+"""Readings of a wall at known distances."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
+
+from jaxslam.sim.lidar import Lidar
+
+
+def calibration_distances(lidar: Lidar, step: float = 0.1) -> Float[Array, "D"]:
+    """From the shortest range in steps to the last before the longest, and that: for an LDS-01 35, metres."""
+    shortest, longest = float(lidar.range_min), float(lidar.range_max)
+    if not (step > 0 and longest > shortest):
+        raise ValueError(f"step {step} between {shortest} and {longest} m: give a positive step and span")
+    # Half a step short of the end, or the last two would be one.
+    return jnp.append(jnp.arange(shortest, longest - step / 2, step, dtype=jnp.float32), longest)
+
+
+def calibration_run(
+    key: PRNGKeyArray, lidar: Lidar, distances: Float[Array, "D"], num_readings: int = 2000
+) -> tuple[Float[Array, "D R"], Bool[Array, "D R"]]:
+    """What the beam that faces a wall reads, distance by distance.
+
+    Args:
+        key: of the noise.
+        lidar: noise and bias of it.
+        distances: `[D]` true distances, metres.
+        num_readings: R, at each.
+
+    Returns:
+        Readings `[D, R]` in metres, 0 where there was none, and whether there was one: near the limits of the
+        range some are lost.
+    """
+    return lidar.measure(key, jnp.broadcast_to(distances[:, None], (len(distances), num_readings)))

@@ -1,0 +1,107 @@
+"""How much of one map a computer-vision program finds again in another: the third paper's measure."""
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64
+
+from jaxslam.metrics.map import BinaryMap
+
+_UNKNOWN = 0.5
+_BLUR = 2.0
+"""Standard deviation, cells: without it the corners of single cells are all there is."""
+_NUM_FEATURES = 500
+_NUM_TRIALS = 2000
+_SAMPLE = 2
+
+
+@dataclass(frozen=True)
+class FeatureMatch:
+    """What was found again.
+
+    Attributes:
+        inliers: matches that agree on one rotation and shift.
+        matches: pairs of features that look alike.
+        features: in either map.
+        pose: `[3]` that moves the estimate onto the reference (m, m, rad); NaN where too few matched.
+    """
+
+    inliers: int
+    matches: int
+    features: tuple[int, int]
+    pose: Float64[np.ndarray, "3"]
+
+
+def match_features(
+    reference: BinaryMap, estimate: BinaryMap, *, tolerance: float = 0.25, seed: int = 0
+) -> FeatureMatch:
+    """ORB features of both maps as pictures, matched, and the largest set that one rigid motion explains.
+
+    The number of inliers falls with everything that makes a map look another: noise, doubled walls, walls
+    that are bent. It also rises with the size of the map, and with the lidar's own habits where both maps
+    have them: compare maps of one place with one reference only, and that a map of the same kind. It needs
+    scikit-image, the extra `vision`.
+
+    Args:
+        reference: the true map, best one that was built from known poses: the corners of a drawing are not
+            those of a map.
+        estimate: on cells of the same size.
+        tolerance: how far matched features may lie apart after the motion, metres.
+        seed: of RANSAC's samples.
+
+    Raises:
+        ValueError: the maps' cells differ in size.
+
+    References:
+        Rublee et al., ORB: an efficient alternative to SIFT or SURF, ICCV 2011; Fischler and Bolles 1981.
+    """
+    from skimage.feature import match_descriptors
+    from skimage.measure import ransac
+    from skimage.transform import EuclideanTransform
+
+    if not np.isclose(reference.resolution, estimate.resolution, rtol=1e-4):
+        raise ValueError(
+            f"cells of {reference.resolution:g} m and of {estimate.resolution:g} m: give maps on cells of "
+            "one size"
+        )
+    (places_reference, described_reference), (places, described) = map(_features, (reference, estimate))
+    nothing = np.full(3, np.nan)
+    counts = len(places_reference), len(places)
+    if not min(counts):
+        return FeatureMatch(0, 0, counts, nothing)
+    pairs = match_descriptors(described_reference, described, cross_check=True)
+    if len(pairs) <= _SAMPLE:
+        return FeatureMatch(0, len(pairs), counts, nothing)
+    to, of = places_reference[pairs[:, 0]], places[pairs[:, 1]]
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "No inliers found")  # the result says so
+        model, inliers = ransac(
+            (of, to), EuclideanTransform, _SAMPLE, tolerance, max_trials=_NUM_TRIALS, rng=seed
+        )
+    if model is None or inliers is None or not np.any(inliers):
+        return FeatureMatch(0, len(pairs), counts, nothing)
+    pose = np.array([*model.translation, model.rotation], np.float64)
+    return FeatureMatch(int(np.count_nonzero(inliers)), len(pairs), counts, pose)
+
+
+def _features(known: BinaryMap) -> tuple[Float64[np.ndarray, "F 2"], Bool[np.ndarray, "F D"]]:
+    """Places `[F, 2]` in metres, world frame, and descriptors of a map's features."""
+    from skimage.feature import ORB
+
+    detector = ORB(n_keypoints=_NUM_FEATURES, fast_threshold=0.05)
+    try:
+        detector.detect_and_extract(_picture(known))
+    except RuntimeError:  # a picture without a feature, in scikit-image's words
+        return np.zeros((0, 2)), np.zeros((0, 256), bool)
+    rows_columns = np.asarray(detector.keypoints, np.float64)
+    places = (rows_columns[:, ::-1] + 0.5) * known.resolution + np.asarray(known.origin, np.float64)
+    return places, np.asarray(detector.descriptors, bool)
+
+
+def _picture(known: BinaryMap) -> Float32[np.ndarray, "H W"]:
+    """Black walls on white, grey where nothing is known, slightly blurred."""
+    from skimage.filters import gaussian
+
+    levels = np.where(known.occupied, 0.0, np.where(known.free, 1.0, _UNKNOWN)).astype(np.float32)
+    return gaussian(levels, _BLUR, preserve_range=True)

@@ -21,6 +21,7 @@ from jaxslam.motion import AbstractMotionModel, OdometryMotion
 from jaxslam.presets import PRESETS, LidarPreset
 from jaxslam.proposal.base import AbstractProposal
 from jaxslam.proposal.matched import MatchedProposal
+from jaxslam.range_network.network import RangeNetwork
 from jaxslam.resampling import AdaptiveResampling, SystematicResampler
 from jaxslam.sensor.base import AbstractSensorModel
 from jaxslam.sensor.field import window_rows
@@ -174,12 +175,17 @@ class Configuration(eqx.Module):
         return update(self, METHODS[method], exact=True)
 
 
-def build(configuration: Configuration, odometry_bounds: Float64[np.ndarray, "2 2"]) -> RBPF:
+def build(
+    configuration: Configuration,
+    odometry_bounds: Float64[np.ndarray, "2 2"],
+    range_network: RangeNetwork | None = None,
+) -> RBPF:
     """The filter of a configuration, its maps sized for a path.
 
     Args:
         configuration: see there.
         odometry_bounds: `[2, 2]` lower and upper corner of the odometry's path, metres.
+        range_network: corrects the ranges of every scan.
 
     Raises:
         ValueError: the maps would not fit into memory.
@@ -208,6 +214,7 @@ def build(configuration: Configuration, odometry_bounds: Float64[np.ndarray, "2 
         resampling=configuration.resampling,
         occupancy=configuration.occupancy,
         usable_range=configuration.lidar.usable_range,
+        range_network=range_network,
         num_particles=configuration.num_particles,
         window_size=window_size,
         radius=radius,

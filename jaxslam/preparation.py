@@ -8,6 +8,7 @@ from jaxslam.inputs import PreparedInputs, prepare_inputs
 from jaxslam.io.log import SensorLog
 from jaxslam.io.sweep import SweepTiming
 from jaxslam.motion import GaussianMotion
+from jaxslam.range_network.network import RangeNetwork
 from jaxslam.slam.rbpf import RBPF
 
 
@@ -30,10 +31,13 @@ class Prepared:
     yaw: YawTrack | None = None
 
 
-def prepare(log: SensorLog, configuration: Configuration) -> Prepared:
+def prepare(
+    log: SensorLog, configuration: Configuration, range_network: RangeNetwork | None = None
+) -> Prepared:
     """Corrects and thins the scans, fuses odometry and IMU if asked to, and sizes the filter's maps.
 
-    Where odometry is fused, `GaussianMotion` moves the particles, by the fused covariance.
+    Where odometry is fused, `GaussianMotion` moves the particles, by the fused covariance. A range
+    network, if given, becomes a part of the filter.
 
     Raises:
         LogError: the log lacks what the configuration needs.
@@ -46,7 +50,7 @@ def prepare(log: SensorLog, configuration: Configuration) -> Prepared:
         if not isinstance(configuration.motion, GaussianMotion):
             # The others know the noise of wheels, and not what the fused covariance says.
             configuration = replace(configuration, motion=GaussianMotion())
-    return Prepared(build(configuration, inputs.odometry_bounds), inputs, timing, fused, yaw)
+    return Prepared(build(configuration, inputs.odometry_bounds, range_network), inputs, timing, fused, yaw)
 
 
 def _is_fused(log: SensorLog, use: str) -> bool:

@@ -5,7 +5,7 @@ Only what `--help` needs is imported here: neither JAX nor matplotlib.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg, subcommand
 
@@ -26,6 +26,7 @@ Assignments = Annotated[
 File = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")]
 Topic = Annotated[str | None, arg(metavar="TOPIC", help_behavior_hint="(default: chosen)")]
 Switch = FlagCreatePairsOff[bool]
+RangeNetworkFile = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")]
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,8 @@ class Run:
     """Settings by name, such as sensor.sigma_hit=0.1, any number of them; they come last."""
     lidar: LidarName = None
     """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01, lds-02 or vlp-16."""
+    range_network: RangeNetworkFile = None
+    """Correct every range by this network first, as `jaxslam train-range` writes it."""
     map_margin: Margin = None
     """Room around the odometry's path beyond the lidar's usable range, metres."""
     scan_topic: Topic = None
@@ -81,9 +84,10 @@ class Demo:
     out: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: runs/demo-s<seed>)")] = None
     """Folder for the results; made if it is not there, overwritten file by file if it is."""
     world: Annotated[str, arg(metavar="NAME")] = "hall_small"
-    """Which world: hall_small (18 × 15 m), hall_large (24 × 23 m) or roadway (71 × 26 m, of a coal mine)."""
+    """Which world: hall_small (18 × 15 m), hall_large (24 × 23 m), roadway (71 × 26 m, of a coal mine) or
+    corridor_loop (43 × 16 m)."""
     duration: float = 200.0
-    """Seconds driven; a tour of either hall takes nearly 200, one of the roadway 190."""
+    """Seconds driven; a tour of either hall takes nearly 200, one of the roadway 190, of the corridor 125."""
     seed: int = 0
     """Seed of the simulation and of the filter, 0 to 4294967295."""
     method: MethodName = None
@@ -92,6 +96,8 @@ class Demo:
     """Number of particles, each with a map of its own."""
     set: Assignments = ()
     """Settings by name, such as sensor.sigma_hit=0.1, any number of them; they come last."""
+    range_network: RangeNetworkFile = None
+    """Correct every range by this network first, as `jaxslam train-range` writes it."""
     gif: Switch = False
     """Also write map.gif, the map as it is built."""
 
@@ -121,6 +127,8 @@ class Localize:
     """Settings by name, such as scan_model.sigma_hit=0.1, any number of them; they come last."""
     lidar: LidarName = None
     """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01, lds-02 or vlp-16."""
+    range_network: RangeNetworkFile = None
+    """Correct every range by this network first, as `jaxslam train-range` writes it."""
     scan_topic: Topic = None
     """Of a bag: topic of the laser scans."""
     odom_topic: Topic = None
@@ -162,6 +170,8 @@ class Config:
     """Configuration in TOML to start from."""
     set: Assignments = ()
     """Settings by name, such as sensor.sigma_hit=0.1, any number of them; they come last."""
+    localization: Switch = False
+    """The settings of `localize` instead of those of `run`."""
 
 
 @dataclass(frozen=True)
@@ -194,6 +204,32 @@ class Fuse:
     """Of a bag: topic of the IMU."""
 
 
+@dataclass(frozen=True)
+class TrainRange:
+    """Train a network that corrects a lidar's ranges, on readings of a wall at known distances."""
+
+    data: Annotated[tuple[str, ...], Positional, arg(metavar="DATA")]
+    """Tables (FILE.csv with the columns true_m and measured_m) or logs of a robot that faces a wall, each
+    with the distance of the wall from the lidar in metres (wall.mcap:1.5); any number of them."""
+    out: Annotated[Path, arg(metavar="FILE")] = Path("network.eqx")
+    """The network; the error table and the figures go to a folder beside it, <name>-training."""
+    neurons: Annotated[tuple[int, ...], arg(metavar="N [N …]")] = (50,)
+    """Neurons of the hidden layer; of several sizes the one that validates best is kept."""
+    restarts: Annotated[int, arg(metavar="N")] = 5
+    """Trainings per size, each from another start; the one that validates best is kept."""
+    held_out: Annotated[
+        tuple[float, ...],
+        arg(metavar="METRES [METRES …]", help_behavior_hint="(default: every fifth of 10 or more)"),
+    ] = ()
+    """Distances that nothing is learnt from, to judge the network by."""
+    method: Literal["levenberg-marquardt", "adam"] = "levenberg-marquardt"
+    """What trains it: adam is slower, and here for comparison."""
+    bearing: Annotated[float, arg(metavar="RAD")] = 0.0
+    """Of a log: bearing of the beam that faces the wall, in the lidar's frame, radians."""
+    seed: int = 0
+    """Seed of the starts, 0 to 4294967295."""
+
+
 Command = (
     Annotated[Run, subcommand("run")]
     | Annotated[Demo, subcommand("demo")]
@@ -201,4 +237,5 @@ Command = (
     | Annotated[Info, subcommand("info")]
     | Annotated[Config, subcommand("config")]
     | Annotated[Fuse, subcommand("fuse")]
+    | Annotated[TrainRange, subcommand("train-range")]
 )

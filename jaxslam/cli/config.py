@@ -2,23 +2,33 @@
 
 from jaxslam import toml
 from jaxslam.cli.arguments import Config
-from jaxslam.cli.effective import effective_configuration
+from jaxslam.cli.effective import Whole, effective_configuration
 from jaxslam.configuration import Configuration
+from jaxslam.localization_configuration import LocalizationConfiguration
 from jaxslam.presets import PRESETS
 
 
 def execute(command: Config, arguments: list[str]) -> None:
     """Prints the effective configuration as TOML."""
+    if not command.localization:
+        _print(command, Configuration(), "num_particles")
+    elif command.method is None:
+        _print(command, LocalizationConfiguration(), "max_particles")
+    else:
+        raise ValueError("--method is of the filter that maps, and --localization of the one that localises")
+
+
+def _print(command: Config, defaults: Whole, particles: str) -> None:
     configuration = effective_configuration(
-        Configuration(),
+        defaults,
         config=command.config,
         lidar=command.lidar,
         method=command.method,
-        flags={"num_particles": command.particles},
+        flags={particles: command.particles},
         assignments=command.set,
         detect=lambda: PRESETS["sick"],
     )
-    untouched = configuration.lidar == Configuration().lidar
+    untouched = configuration.lidar == defaults.lidar
     if command.lidar is None and command.config is None and untouched:
         print("# The lidar is left out: the log's scans choose. `jaxslam config --lidar NAME` has it.")
         print(toml.dumps(configuration, without="lidar"), end="")

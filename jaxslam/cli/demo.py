@@ -9,7 +9,7 @@ from jaxtyping import Float64, Int8
 
 from jaxslam.cli.arguments import Demo
 from jaxslam.cli.effective import effective_configuration
-from jaxslam.cli.mapping import check_seed, map_log, print_summary
+from jaxslam.cli.mapping import check_seed, map_log, network_origin, print_summary, read_network
 from jaxslam.configuration import Configuration
 from jaxslam.grid.spec import GridSpec
 from jaxslam.metrics import BinaryMap, map_score
@@ -27,6 +27,7 @@ TOLERANCE = 0.1
 def execute(command: Demo, arguments: list[str]) -> None:
     """Simulates, maps, compares, and writes a run folder."""
     check_seed(command.seed)
+    network = read_network(command.range_network)
     world, waypoints = make_world(command.world)
     configuration = effective_configuration(
         Configuration(),
@@ -43,7 +44,7 @@ def execute(command: Demo, arguments: list[str]) -> None:
     key = jax.random.fold_in(jax.random.key(command.seed), 1)
     simulation = simulate(key, world, waypoints, duration=command.duration)
     log = to_log(simulation, command.world, in_world_frame=True)
-    prepared = prepare(log, configuration)
+    prepared = prepare(log, configuration, network)
     result = map_log(prepared, command.seed, gif=folder / "map.gif" if command.gif else None)
     assert log.scans is not None
     assert log.odometry is not None
@@ -59,6 +60,7 @@ def execute(command: Demo, arguments: list[str]) -> None:
         origin={
             "command": shlex.join(["jaxslam", *arguments]),
             "log": {"path": f"simulation of {command.world}, {command.duration:g} s", "sha256": None},
+            "range_network": network_origin(command.range_network),
             "versions": versions(),
         },
         accuracy={"ate": trajectory_figures(error), "map": figures},

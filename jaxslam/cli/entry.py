@@ -2,11 +2,16 @@
 
 import importlib
 import importlib.metadata
+import re
 import sys
 from collections.abc import Sequence
 
-_EXTRA = ("tyro", "matplotlib", "PIL", "rosbags", "ruamel", "tqdm")
-"""What the command needs beyond the library itself, by the names under which it is imported."""
+_EXTRAS = {
+    "cli": ("tyro", "matplotlib", "PIL", "rosbags", "ruamel", "tqdm"),
+    "train": ("lineax", "optax", "optimistix"),
+    "vision": ("skimage",),
+}
+"""What the commands need beyond the library itself, by the names under which it is imported."""
 
 _BAD_INPUT = 2
 _INTERRUPTED = 130
@@ -33,9 +38,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _INTERRUPTED
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
-        if missing not in _EXTRA:
+        extra = next((name for name, modules in _EXTRAS.items() if missing in modules), None)
+        if extra is None:
             raise
-        return _complain(f"{missing} is not installed: pip install 'jaxslam[cli]'")
+        return _complain(f"{missing} is not installed: pip install 'jaxslam[{extra}]'")
     except OSError as error:
         where = f"{error.filename}: " if error.filename is not None else ""
         return _complain(f"{where}{error.strerror or error}")
@@ -58,7 +64,8 @@ def _dispatch(arguments: Sequence[str]) -> int:
     except SystemExit:  # help was asked for and printed
         return 0
     # Each command is a module of its own: `--help` and `info` do not wait for JAX.
-    module = importlib.import_module(f"jaxslam.cli.{type(command).__name__.lower()}")
+    name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", type(command).__name__).lower()
+    module = importlib.import_module(f"jaxslam.cli.{name}")
     module.execute(command, list(arguments))
     return 0
 

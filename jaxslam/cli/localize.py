@@ -9,12 +9,19 @@ import numpy as np
 
 from jaxslam.cli.arguments import Localize
 from jaxslam.cli.effective import effective_configuration
-from jaxslam.cli.mapping import check_seed, read_reference, warn, warn_if_unmounted
+from jaxslam.cli.mapping import (
+    check_seed,
+    network_origin,
+    read_network,
+    read_reference,
+    warn,
+    warn_if_unmounted,
+)
 from jaxslam.configuration import correct_scans
 from jaxslam.inputs import prepare_inputs
-from jaxslam.io import SensorLog, read_log, read_map
+from jaxslam.io import OccupancyMap, SensorLog, read_log, read_map
 from jaxslam.localization import AMCL
-from jaxslam.localization_configuration import LocalizationConfiguration, build_localizer
+from jaxslam.localization_configuration import LocalizationConfiguration, build_localizer, require_memory
 from jaxslam.localize import Cloud, LocalizationResult, localize_log, start_at
 from jaxslam.metrics import TrajectoryError
 from jaxslam.presets import detect_lidar
@@ -29,6 +36,7 @@ def execute(command: Localize, arguments: list[str]) -> None:
     """Localises a log in a map and writes its run folder."""
     check_seed(command.seed)
     start = _start(command)
+    network = read_network(command.range_network)
     occupancy = read_map(command.map)
     log = read_log(command.log, scan_topic=command.scan_topic, odometry_topic=command.odom_topic)
     warn(log.warnings)
@@ -42,18 +50,12 @@ def execute(command: Localize, arguments: list[str]) -> None:
         assignments=command.set,
         detect=lambda: detect_lidar(log),
     )
+    require_memory(configuration)
     try:
-        amcl = build_localizer(configuration, occupancy)
+        amcl = build_localizer(configuration, occupancy, network)
     except ValueError as error:
         raise ValueError(f"{command.map}: {error}") from None
-    farthest = float(np.abs(occupancy.origin[:2]).max())
-    if farthest > _FAR:
-        warn(
-            [
-                f"{command.map}: its origin is {farthest:.0f} m off, where positions are only good to "
-                f"{np.spacing(np.float32(farthest)):.2g} m: move the origin"
-            ]
-        )
+    _warn_if_far(command.map, occupancy)
     corrected, _ = correct_scans(log, configuration.lidar)
     prepared = prepare_inputs(corrected, configuration.thinning)
     key = jax.random.key(command.seed)
@@ -92,11 +94,24 @@ def execute(command: Localize, arguments: list[str]) -> None:
             "log": {"path": str(command.log.resolve()), "sha256": file_sha256(command.log)},
             "map": {"path": str(command.map.resolve()), "sha256": file_sha256(command.map)},
             "start": "global" if start is None else list(start),
+            "range_network": network_origin(command.range_network),
             "versions": versions(),
         },
         error=measured,
     )
     _print_summary(folder, result, metrics)
+
+
+def _warn_if_far(path: Path, occupancy: OccupancyMap) -> None:
+    farthest = float(np.abs(occupancy.origin[:2]).max())
+    if farthest > _FAR:
+        precision = float(np.spacing(np.float32(farthest)))
+        warn(
+            [
+                f"{path}: its origin is {farthest:.0f} m off, where positions are only good to "
+                f"{precision:.2g} m: move the origin"
+            ]
+        )
 
 
 def _error(

@@ -14,6 +14,8 @@ from jaxslam.fusion import YawTrack
 from jaxslam.io import SensorLog, read_tum
 from jaxslam.io.sweep import SweepTiming
 from jaxslam.preparation import Prepared
+from jaxslam.range_network import RangeNetwork, load_network
+from jaxslam.report import file_sha256
 from jaxslam.run import RunResult, Snapshot, run_log
 from jaxslam.viz.animation import MapFrame, animate_map
 
@@ -66,6 +68,16 @@ def read_reference(path: Path, log: SensorLog) -> tuple[Float64[np.ndarray, "M"]
                 f"lie within the log's scans ({first:.3f} to {last:.3f} s): is it that of another log?"
             )
     return stamps, poses
+
+
+def read_network(path: Path | None) -> RangeNetwork | None:
+    """The network that `--range-network` names; None without."""
+    return None if path is None else load_network(path)
+
+
+def network_origin(path: Path | None) -> dict[str, str] | None:
+    """Which network it was, for `run.json`."""
+    return None if path is None else {"path": str(path.resolve()), "sha256": file_sha256(path)}
 
 
 def describe_timing(timing: SweepTiming | None) -> str:

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import tyro
 
-from jaxslam.cli.arguments import Command, Config, Demo, Fuse, Info, Localize, Run
+from jaxslam.cli.arguments import Command, Config, Demo, Fuse, Info, Localize, Run, TrainRange
 
 
 class UsageError(ValueError):
     """A command line that cannot be understood; the message is one line."""
 
 
-def parse(arguments: Sequence[str]) -> Run | Demo | Localize | Info | Config | Fuse:
+def parse(arguments: Sequence[str]) -> Run | Demo | Localize | Info | Config | Fuse | TrainRange:
     """The command that the arguments ask for.
 
     Raises:

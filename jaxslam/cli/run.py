@@ -8,7 +8,9 @@ from jaxslam.cli.effective import effective_configuration
 from jaxslam.cli.mapping import (
     check_seed,
     map_log,
+    network_origin,
     print_summary,
+    read_network,
     read_reference,
     warn,
     warn_if_assumed,
@@ -37,6 +39,7 @@ _FEW_RELATIONS = 0.9
 def execute(command: Run, arguments: list[str]) -> None:
     """Maps a log and writes its run folder."""
     check_seed(command.seed)
+    network = read_network(command.range_network)
     log = _read(command)
     configuration = effective_configuration(
         Configuration(),
@@ -54,7 +57,7 @@ def execute(command: Run, arguments: list[str]) -> None:
     )
     if command.imu_yaw_axis is not None and configuration.fusion.use == "off":
         raise ValueError("--imu-yaw-axis is for --fuse, which was not given")
-    prepared = prepare(log, configuration)
+    prepared = prepare(log, configuration, network)
     if prepared.yaw is not None:
         warn_if_assumed(prepared.yaw)
     # Everything that can be wrong is read before the filter spends its minutes.
@@ -73,6 +76,7 @@ def execute(command: Run, arguments: list[str]) -> None:
         origin={
             "command": shlex.join(["jaxslam", *arguments]),
             "log": {"path": str(command.log.resolve()), "sha256": file_sha256(command.log)},
+            "range_network": network_origin(command.range_network),
             "versions": versions(),
             "fused": None if fused is None else {"readings": fused.readings, "refused": fused.refused},
             "scan_timing": None if timing is None else dataclasses.asdict(timing),

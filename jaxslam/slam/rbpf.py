@@ -23,6 +23,7 @@ from jaxslam.lidar.beams import scan_points
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.once import computed_once
 from jaxslam.proposal.base import AbstractProposal, Proposed
+from jaxslam.range_network.network import RangeNetwork, with_corrected_ranges
 from jaxslam.resampling.adaptive import AdaptiveResampling
 from jaxslam.resampling.ess import normalise
 from jaxslam.resampling.permute import keep_survivors_in_place
@@ -80,6 +81,7 @@ class RBPF(eqx.Module):
         resampling: when and how to resample.
         occupancy: what a scan adds to a map.
         usable_range: longer returns only clear the space before them, metres.
+        range_network: corrects the ranges of every scan first; None leaves them as they are.
         num_particles: N (static).
         window_size: cells along a side of the window that a step works on, divisible by 4 (static): around
             the lidar where that holds all it sees, else ahead of it.
@@ -93,8 +95,9 @@ class RBPF(eqx.Module):
     resampling: AdaptiveResampling
     occupancy: OccupancyModel
     usable_range: float | Float[Array, ""]
-    num_particles: int = eqx.field(static=True)
-    window_size: int = eqx.field(static=True)
+    range_network: RangeNetwork | None = None
+    num_particles: int = eqx.field(static=True, kw_only=True)
+    window_size: int = eqx.field(static=True, kw_only=True)
     radius: int = eqx.field(static=True, default=6)
 
     def init(self, key: PRNGKeyArray, pose0: Float[Array, "3"]) -> RBPFState:
@@ -123,6 +126,7 @@ class RBPF(eqx.Module):
         """Propose, weigh, update the maps, resample."""
         # All at once: each further split costs as much as drawing all the noise.
         keys = jax.random.split(key, self.num_particles + 1)
+        inputs = with_corrected_ranges(self.range_network, inputs)
         shift, clearing, scan = self._view(state, inputs)
         inputs = eqx.tree_at(lambda i: i.scan, inputs, scan)
 

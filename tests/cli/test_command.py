@@ -5,6 +5,7 @@ import json
 import math
 import subprocess
 import sys
+import tomllib
 
 import jax
 import numpy as np
@@ -270,6 +271,24 @@ def test_missing_extra(module, monkeypatch, capsys):
     monkeypatch.setattr("jaxslam.cli.entry._dispatch", missing)
     assert main(["run", "x"]) == 2
     assert "pip install 'jaxslam[cli]'" in one_line(capsys)
+
+
+def test_config_prints_the_settings_of_a_localisation(tmp_path, capsys):
+    given = ["config", "--localization", "--lidar", "lds-01", "--particles", "5000", "--set", "sigma_hit=0.3"]
+    assert main(given) == 0
+    text = capsys.readouterr().out
+    values = tomllib.loads(text)
+    assert values["max_particles"] == 5000
+    assert values["scan_model"]["sigma_hit"] == 0.3
+    assert values["lidar"]["usable_range"] == 3.5
+    assert "proposal" not in values
+    # It is one to give.
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    assert main(["config", "--localization", "--config", str(path)]) == 0
+    assert capsys.readouterr().out == text
+    assert main(["config", "--localization", "--method", "rbpf"]) == 2
+    assert "--method is of the filter that maps" in capsys.readouterr().err
 
 
 def test_config_prints_what_it_was_told(capsys):

@@ -117,6 +117,7 @@ def run_log(
     *,
     progress: bool = False,
     on_chunk: Callable[[Snapshot], None] | None = None,
+    may_leave_map: bool = False,
 ) -> RunResult:
     """Runs a filter over a prepared log on the host: same result as `run`, in chunks.
 
@@ -126,6 +127,8 @@ def run_log(
         prepared: from `prepare_inputs`.
         progress: show a progress bar on stderr (needs tqdm).
         on_chunk: called with the state of affairs every `jaxslam.chunks.CHUNK` scans.
+        may_leave_map: go on at the edge of the map, and warn: for comparisons, in which a robot that is
+            lost is a figure and not the end.
 
     Raises:
         SlamError: if the robot leaves the map.
@@ -133,7 +136,8 @@ def run_log(
     pose0 = jnp.asarray(prepared.pose0, jnp.float32)
 
     def look(state: RBPFState, infos: list[StepInfo]) -> None:
-        _raise_for_flags(infos, prepared)
+        if not may_leave_map:
+            _raise_for_flags(infos, prepared)
         if on_chunk is not None:
             on_chunk(_snapshot(state, infos))
 
@@ -202,6 +206,7 @@ def _result(slam: RBPF, advanced: Advanced, prepared: PreparedInputs) -> RunResu
 
 def _warnings(flags: Int[np.ndarray, "T"]) -> tuple[str, ...]:
     messages = {
+        Flag.OFF_MAP: "a particle reached the edge of the map, and nothing beyond it was mapped",
         Flag.NONFINITE_WEIGHT: "particles with a NaN or infinite weight were dropped",
         Flag.NONFINITE_POSE: "particles with a NaN or infinite pose were put back to the odometry",
         Flag.FEW_VALID_BEAMS: "scans had too few returns, so odometry alone moved the particles",

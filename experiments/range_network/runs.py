@@ -32,8 +32,9 @@ from jaxslam.sim import (
     to_log,
 )
 
-MARGIN = 7.2
-"""Of the maps: with the corridor's 43 × 16 m they have the paper's size, nearly."""
+MARGIN = 10.0
+"""Of the maps round the corridor, metres: the window's 3.5 m, and what a robot may be off by before it counts
+for lost."""
 SPEED = 0.12
 """Of the robot, m/s."""
 SMALL_LOOP, BACK = 12.0, 6.0
@@ -117,7 +118,8 @@ def small_loops(tour: Float64[np.ndarray, "W 2"]) -> Float64[np.ndarray, "_ 2"]:
 def _run_trial(settings: Any, seed: int) -> Arrays:
     world, truth, prepared = prepared_trial(settings, seed)
     before = _cpu_seconds()
-    result = run_log(prepared.slam, jax.random.key(seed), prepared.inputs)
+    # Without the network a robot may be as far off as that: its loop is open.
+    result = run_log(prepared.slam, jax.random.key(seed), prepared.inputs, may_leave_map=True)
     cpu = _cpu_seconds() - before
     mapped, walls = _binary(result), true_map(world, result.grid, truth[0, :2])
     closure = loop_closed(truth, result.trajectory, walls, mapped)

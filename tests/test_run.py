@@ -167,3 +167,7 @@ def test_a_map_that_is_too_small_is_an_error_that_says_where_and_what_to_do(slam
     assert scan in prepared.scan_index
     stamp = prepared.all_stamps[prepared.all_index == scan][0]
     assert f"t = {stamp:.3f} s" in str(caught.value)
+    # For comparisons the run may go on, with a warning.
+    result = run_log(moved, KEY, prepared, may_leave_map=True)
+    assert len(result.trajectory) == len(prepared.stamps)
+    assert any("edge of the map" in warning for warning in result.warnings)

@@ -59,7 +59,7 @@ def advance(
         every: so many scans, at most CHUNK.
     """
     total = inputs.scan.ranges.shape[0]
-    inputs, infos, run_s = _padded(inputs, total), [], 0.0
+    inputs, infos, run_s = padded(inputs), [], 0.0
     program = _program(tuned)
     started = time.perf_counter()
     # No step at all: what takes time is compiling, unless a run of the same sizes has been before.
@@ -85,25 +85,28 @@ def advance(
 
 @functools.cache
 def _program(tuned: bool) -> Callable[..., tuple[Any, Any]]:
-    """`_steps`, compiled: one per process, so that equal sizes share it."""
-    return jax.jit(_steps, donate_argnums=(2,), compiler_options=compiler_options() if tuned else None)
+    """`steps`, compiled: one per process, so that equal sizes share it."""
+    options = compiler_options() if tuned else None
+    return jax.jit(steps, static_argnames="room", donate_argnums=(2,), compiler_options=options)
 
 
-def _padded(inputs: StepInputs, total: int) -> StepInputs:
+def padded(inputs: StepInputs) -> StepInputs:
     """Inputs lengthened to a power of two, so that logs of similar length share one compilation."""
+    total = inputs.scan.ranges.shape[0]
     size = 1 << max(total - 1, 1).bit_length()
     return jax.tree.map(lambda leaf: jnp.pad(leaf, [(0, size - total)] + [(0, 0)] * (leaf.ndim - 1)), inputs)
 
 
-def _steps(
+def steps(
     filter_: Any,
     key: PRNGKeyArray,
     state: Any,
     inputs: StepInputs,
     first: Int[Array, ""] | int,
     count: Int[Array, ""] | int,
+    room: int = CHUNK,
 ) -> tuple[Any, Any]:
-    """`count` ≤ CHUNK steps from `first`, and room for CHUNK infos of which so many are filled.
+    """`count` ≤ `room` steps from `first`, and `room` infos of which so many are filled.
 
     The length is traced, so the last chunk needs no second compilation.
     """
@@ -114,7 +117,7 @@ def _steps(
         state, info = filter_.step(jax.random.fold_in(key, state.num_steps), state, now)
         return state, jax.tree.map(lambda rows, row: rows.at[index].set(row), infos, info)
 
-    return jax.lax.fori_loop(0, count, step, (state, filter_.blank_infos(CHUNK)))
+    return jax.lax.fori_loop(0, count, step, (state, filter_.blank_infos(room)))
 
 
 def _progress_bar(total: int, label: str):

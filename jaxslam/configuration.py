@@ -3,7 +3,6 @@
 import dataclasses
 import difflib
 import math
-import os
 from collections.abc import Callable
 
 import equinox as eqx
@@ -17,6 +16,7 @@ from jaxslam.grid.spec import GridSpec
 from jaxslam.inputs import Thinning
 from jaxslam.io.log import SensorLog
 from jaxslam.io.sweep import SweepTiming, at_rest, sweep_timing
+from jaxslam.memory import physical_memory
 from jaxslam.motion import AbstractMotionModel, OdometryMotion
 from jaxslam.presets import PRESETS, LidarPreset
 from jaxslam.proposal.base import AbstractProposal
@@ -255,11 +255,3 @@ def _check_memory(configuration: Configuration, extent: Float64[np.ndarray, "2"]
             f"{needed / 1e9:.3g} GB of the {available / 1e9:.3g} GB there are: lower num_particles or "
             "map.margin, or raise map.resolution"
         )
-
-
-def physical_memory() -> float:
-    """Bytes of main memory; infinite where the system does not tell."""
-    names = getattr(os, "sysconf_names", {})
-    if "SC_PHYS_PAGES" not in names:
-        return math.inf
-    return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxslam.checks import require_at_least_zero
-from jaxslam.configuration import LidarSettings, physical_memory
+from jaxslam.configuration import LidarSettings
 from jaxslam.inputs import Thinning
 from jaxslam.io.map_server import OccupancyMap
 from jaxslam.localization import (
@@ -22,6 +22,7 @@ from jaxslam.localization import (
     Recovery,
 )
 from jaxslam.localization.scan_model import AbstractScanModel
+from jaxslam.memory import physical_memory
 from jaxslam.motion import AbstractMotionModel, OdometryMotion
 from jaxslam.presets import PRESETS, LidarPreset
 from jaxslam.range_network.network import RangeNetwork

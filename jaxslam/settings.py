@@ -1,8 +1,9 @@
 """Configurations as named scalars: the one mechanism under flags, TOML and `--set`.
 
-A configuration is a tree of frozen dataclasses. Its scalars have dotted names, such as
+A configuration is a tree of frozen dataclasses, and so is a filter. Its scalars have dotted names, such as
 `proposal.fine.sigma_cells`; a part that can be chosen from several classes also has a `kind`, such as
-`proposal.kind`. Everything is derived from the fields: a new field needs no line here.
+`proposal.kind`. Everything is derived from the fields: a new field needs no line here. Arrays and devices are
+not settings.
 """
 
 import dataclasses
@@ -94,12 +95,16 @@ def _walk(tree: object, prefix: str, declared: object = None) -> Iterator[tuple[
     # Scalars first: in TOML they would otherwise belong to the table of the part before them.
     for field in fields:
         value = getattr(tree, field.name)
-        if not dataclasses.is_dataclass(value):
+        if _is_scalar(value):
             yield prefix + field.name, _plain(value, field.type), meanings.get(field.name, "")
     for field in fields:
         value = getattr(tree, field.name)
         if dataclasses.is_dataclass(value):
             yield from _walk(value, f"{prefix}{field.name}.", field.type)
+
+
+def _is_scalar(value: object) -> bool:
+    return isinstance(value, bool | int | float | str) or getattr(value, "ndim", None) == 0
 
 
 def _plain(value: Any, annotation: object) -> Scalar:

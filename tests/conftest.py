@@ -9,6 +9,8 @@ from jaxtyping import install_import_hook
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
+# Two, so that what is spread over devices can be tested; all else stays on the first.
+jax.config.update("jax_num_cpu_devices", 2)
 
 # Every annotated function of the library checks its shapes and types while the tests run: the hook stays, so
 # that modules which `import jaxslam` does not load (viz, cli, run) are checked as well.

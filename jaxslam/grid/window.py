@@ -2,8 +2,10 @@
 
 import jax
 import jax.numpy as jnp
+from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float, Int, Int8
 
+from jaxslam.devices import PARTICLES, on_each_device
 from jaxslam.grid.spec import GridSpec
 
 _ROOM = 20
@@ -76,28 +78,77 @@ def read_windows(
 
 
 def write_windows(
-    maps: Int8[Array, "N H W"], windows: Int8[Array, "N h w"], starts: Int[Array, "N 2"]
+    maps: Int8[Array, "N H W"],
+    windows: Int8[Array, "N h w"],
+    starts: Int[Array, "N 2"],
+    mesh: Mesh | None = None,
 ) -> Int8[Array, "N H W"]:
-    """Puts the windows back, in place: a loop of updates, where a batched one would copy every map."""
+    """Puts the windows back, in place: a loop of updates, where a batched one would copy every map.
 
-    def write(index: Int[Array, ""], maps: Int8[Array, "N H W"]) -> Int8[Array, "N H W"]:
-        row, column = starts[index, 0], starts[index, 1]
-        return jax.lax.dynamic_update_slice(maps, windows[index][None], (index, row, column))
+    Args:
+        maps: one per particle.
+        windows: their new contents.
+        starts: where they lie, (row, column).
+        mesh: the devices that the particles are spread over.
+    """
 
-    return jax.lax.fori_loop(0, maps.shape[0], write, maps)
+    def write_all(
+        maps: Int8[Array, "n H W"], windows: Int8[Array, "n h w"], starts: Int[Array, "n 2"]
+    ) -> Int8[Array, "n H W"]:
+        def write(index: Int[Array, ""], maps: Int8[Array, "n H W"]) -> Int8[Array, "n H W"]:
+            row, column = starts[index, 0], starts[index, 1]
+            return jax.lax.dynamic_update_slice(maps, windows[index][None], (index, row, column))
+
+        return jax.lax.fori_loop(0, maps.shape[0], write, maps)
+
+    return on_each_device(mesh, write_all, (True, True, True))(maps, windows, starts)
 
 
-def copy_maps(maps: Int8[Array, "N H W"], ancestors: Int[Array, "N"]) -> Int8[Array, "N H W"]:
+def copy_maps(
+    maps: Int8[Array, "N H W"], ancestors: Int[Array, "N"], mesh: Mesh | None = None
+) -> Int8[Array, "N H W"]:
     """Gives every slot its ancestor's map, copying only those whose ancestor is another slot.
 
     Every ancestor must keep its own slot (`keep_survivors_in_place`): then no source is overwritten.
+
+    Args:
+        maps: one per particle.
+        ancestors: the slot that each goes on from.
+        mesh: the devices that the particles are spread over.
     """
     slots = jnp.arange(maps.shape[0], dtype=jnp.int32)
     replaced = jnp.nonzero(ancestors != slots, size=maps.shape[0], fill_value=0)[0]
 
-    def copy(index: Int[Array, ""], maps: Int8[Array, "N H W"]) -> Int8[Array, "N H W"]:
-        slot = replaced[index]
-        source = jax.lax.dynamic_slice_in_dim(maps, ancestors[slot], 1)
-        return jax.lax.dynamic_update_slice_in_dim(maps, source, slot, 0)
+    def copy_all(
+        maps: Int8[Array, "n H W"],
+        ancestors: Int[Array, "N"],
+        replaced: Int[Array, "N"],
+        count: Int[Array, ""],
+    ) -> Int8[Array, "n H W"]:
+        def copy(index: Int[Array, ""], maps: Int8[Array, "n H W"]) -> Int8[Array, "n H W"]:
+            slot = replaced[index]
+            if mesh is None:
+                source = jax.lax.dynamic_slice_in_dim(maps, ancestors[slot], 1)
+            else:
+                source = _sent_to_all(maps, ancestors[slot])
+                slot, here = _own_slot(slot, maps.shape[0])
+                source = jnp.where(here, source, jax.lax.dynamic_slice_in_dim(maps, slot, 1))
+            return jax.lax.dynamic_update_slice_in_dim(maps, source, slot, 0)
 
-    return jax.lax.fori_loop(0, jnp.sum(ancestors != slots), copy, maps)
+        return jax.lax.fori_loop(0, count, copy, maps)
+
+    copy_each = on_each_device(mesh, copy_all, (True, False, False, False))
+    return copy_each(maps, ancestors, replaced, jnp.sum(ancestors != slots))
+
+
+def _sent_to_all(maps: Int8[Array, "n H W"], slot: Int[Array, ""]) -> Int8[Array, "1 H W"]:
+    """The map of a slot, from the device that has it."""
+    own, here = _own_slot(slot, maps.shape[0])
+    source = jax.lax.dynamic_slice_in_dim(maps, own, 1)
+    return jax.lax.psum(jnp.where(here, source, jnp.zeros_like(source)), PARTICLES)
+
+
+def _own_slot(slot: Int[Array, ""], count: int) -> tuple[Int[Array, ""], Bool[Array, ""]]:
+    """A slot among the `count` of this device, and whether it is one of them."""
+    own = slot - jax.lax.axis_index(PARTICLES).astype(jnp.int32) * count
+    return jnp.clip(own, 0, count - 1), (own >= 0) & (own < count)

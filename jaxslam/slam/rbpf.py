@@ -1,11 +1,16 @@
 """The Rao-Blackwellized particle filter: a trajectory and a map per particle."""
 
+import dataclasses
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float, Int, Int8, Key, PRNGKeyArray
 
 from jaxslam import se2
+from jaxslam.devices import particle_mesh, shared_out
 from jaxslam.flags import Flag
 from jaxslam.grid.obstacles import outstanding
 from jaxslam.grid.occupancy import OccupancyModel, add_scan, cells_from_lidar, quantise, range_table
@@ -86,6 +91,7 @@ class RBPF(eqx.Module):
         window_size: cells along a side of the window that a step works on, divisible by 4 (static): around
             the lidar where that holds all it sees, else ahead of it.
         radius: truncation of the distance field, cells (static).
+        mesh: devices that the particles are spread over (static); None: all on one. See `spread_over`.
     """
 
     grid: GridSpec
@@ -99,16 +105,26 @@ class RBPF(eqx.Module):
     num_particles: int = eqx.field(static=True, kw_only=True)
     window_size: int = eqx.field(static=True, kw_only=True)
     radius: int = eqx.field(static=True, default=6)
+    mesh: Mesh | None = eqx.field(static=True, default=None)
+
+    def spread_over(self, devices: Sequence[jax.Device]) -> "RBPF":
+        """The same filter with an equal share of its particles on each device, for one with many.
+
+        Raises:
+            ValueError: the particles cannot be shared out equally.
+        """
+        return dataclasses.replace(self, mesh=particle_mesh(self.num_particles, devices))
 
     def init(self, key: PRNGKeyArray, pose0: Float[Array, "3"]) -> RBPFState:
         """All particles at `pose0` `[3]` with empty maps; the key is for models that spread them."""
         count = self.num_particles
-        return RBPFState(
+        state = RBPFState(
             maps=jnp.zeros((count, self.grid.height, self.grid.width), jnp.int8),
             poses=jnp.tile(pose0.astype(jnp.float32)[None], (count, 1)),
             log_weights=normalise(jnp.zeros(count, jnp.float32)),
             num_steps=jnp.zeros((), jnp.int32),
         )
+        return shared_out(self.mesh, state, count)
 
     def blank_infos(self, num_steps: int) -> StepInfo:
         """Room for the infos of so many steps, stacked over time; zeros."""
@@ -146,7 +162,7 @@ class RBPF(eqx.Module):
             | jnp.where(jnp.all(finite), 0, Flag.NONFINITE_WEIGHT.value)
         )
         state = RBPFState(
-            maps=copy_maps(maps, ancestors),
+            maps=copy_maps(maps, ancestors, self.mesh),
             poses=proposed.pose[ancestors],
             log_weights=resampling.log_weights,
             num_steps=state.num_steps + 1,
@@ -159,7 +175,7 @@ class RBPF(eqx.Module):
             resampled=resampling.resampled,
             flags=flags.astype(jnp.int32),
         )
-        return state, info
+        return shared_out(self.mesh, state, self.num_particles), info
 
     def _view(self, state: RBPFState, inputs: StepInputs) -> tuple[Int[Array, "2"], LidarScan, LidarScan]:
         """Where the windows lie from the lidar, and the scan twice.
@@ -253,7 +269,7 @@ class RBPF(eqx.Module):
 
         windows = read_windows(maps, starts, shape)
         windows = jax.vmap(update)(windows, starts, poses, lidar[:, 2])
-        return write_windows(maps, windows, starts), off_map
+        return write_windows(maps, windows, starts, self.mesh), off_map
 
 
 def _after(log_likelihood: Float[Array, "N"], poses: Float[Array, "N 3"]) -> Float[Array, "N 3"]:
@@ -272,7 +288,9 @@ def _all_finite(poses: Float[Array, "N 3"]) -> Bool[Array, "N 1"]:
 
 
 def _any_flag(flags: Int[Array, "N"]) -> Int[Array, ""]:
-    return jax.lax.reduce(flags, jnp.zeros((), jnp.int32), jax.lax.bitwise_or, (0,))
+    # Bit by bit: particles that are spread over devices have no common "or".
+    bits = jnp.asarray([flag.value for flag in Flag], jnp.int32)
+    return jnp.sum(jnp.where(jnp.any(flags[:, None] & bits[None] != 0, axis=0), bits, 0), dtype=jnp.int32)
 
 
 def trajectory(infos: StepInfo, particle: Int[Array, ""]) -> Float[Array, "T 3"]:

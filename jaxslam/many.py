@@ -49,6 +49,7 @@ class ManyResult:
         compile_s: seconds spent compiling; next to none if runs of the same sizes have been before.
         run_s: seconds spent running, compilation apart.
         scans_per_s: processed scans of all runs per second of `run_s`.
+        ms_per_scan: milliseconds per scan of one run, with as many others beside it as were laid out.
     """
 
     trajectories: Float32[np.ndarray, "C S T 3"]
@@ -59,6 +60,7 @@ class ManyResult:
     compile_s: float
     run_s: float
     scans_per_s: float
+    ms_per_scan: float
 
     @property
     def left_map(self) -> Bool[np.ndarray, "C S"]:
@@ -165,6 +167,7 @@ def run_many(
         compile_s=compile_s,
         run_s=run_s,
         scans_per_s=count * float(np.sum(~ended)) / run_s,
+        ms_per_scan=1e3 * run_s * len(used) * together / (calls[..., 0].size * float(lengths.mean())),
     )
 
 

@@ -3,7 +3,7 @@
 import json
 import textwrap
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from equinox import Module
@@ -60,7 +60,7 @@ def read_settings(path: str | Path) -> dict[str, object]:
         ) from None
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path}: not valid TOML: {error}") from None
-    return dict(_named(tables, ""))
+    return named(tables)
 
 
 def load(path: str | Path, base: Configuration | None = None) -> Configuration:
@@ -73,21 +73,27 @@ def load(path: str | Path, base: Configuration | None = None) -> Configuration:
     return apply(path, read_settings(path), Configuration() if base is None else base)
 
 
+def named(table: Mapping[str, object], leaves: Collection[str] = (), prefix: str = "") -> dict[str, object]:
+    """What stands in nested tables by dotted name; choices of parts before what is set in them.
+
+    Args:
+        table: as TOML has it.
+        leaves: keys by which a table is known to be a value, and not a part of the configuration.
+        prefix: of all names.
+    """
+    found: list[tuple[str, object]] = []
+    for key, value in table.items():
+        inner = isinstance(value, Mapping) and not any(leaf in value for leaf in leaves)
+        found += named(value, leaves, f"{prefix}{key}.").items() if inner else [(prefix + key, value)]  # type: ignore[arg-type]
+    return dict(sorted(found, key=lambda item: not item[0].endswith(KIND)))
+
+
 def apply(path: str | Path, values: Mapping[str, object], base: Tree) -> Tree:
     """`base` with the values that were read from a file; the file's name leads every complaint."""
     try:
         return update(base, values, exact=True)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-
-
-def _named(table: Mapping[str, object], prefix: str) -> list[tuple[str, object]]:
-    found: list[tuple[str, object]] = []
-    for key, value in table.items():
-        name = prefix + key
-        found += _named(value, name + ".") if isinstance(value, Mapping) else [(name, value)]
-    # Tables come in any order; what is chosen stands before what is set in it.
-    return sorted(found, key=lambda item: not item[0].endswith(KIND))
 
 
 def _literal(value: Scalar) -> str:

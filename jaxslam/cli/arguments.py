@@ -230,6 +230,38 @@ class TrainRange:
     """Seed of the starts, 0 to 4294967295."""
 
 
+@dataclass(frozen=True)
+class Study:
+    """Look for better settings by many runs, as a file describes it; `study report STORAGE` has the results."""
+
+    plan: Annotated[Path, Positional, arg(metavar="CONFIG.toml")]
+    """What is tuned on which logs; notebooks/06_study.ipynb and the README show one."""
+    trials: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: of the file, else 50)")] = (
+        None
+    )
+    """Trials in all, those that the storage has already included."""
+    storage: Annotated[str | None, arg(metavar="URL", help_behavior_hint="(default: runs/<name>.db)")] = None
+    """A SQLite file, or the URL of a database; a study that was broken off goes on from there."""
+    cluster: Annotated[str | None, arg(metavar="ADDRESS", help_behavior_hint="(default: this process)")] = (
+        None
+    )
+    """Run the trials on a Dask cluster: its scheduler's address (tcp://host:8786), or local:N processes."""
+    out: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: runs/<name>-study)")] = None
+    """Folder for the report; made if it is not there, overwritten file by file if it is."""
+
+
+@dataclass(frozen=True)
+class StudyReport:
+    """Tables and pictures of a study, finished or not, and its best configuration."""
+
+    storage: Annotated[str, Positional, arg(metavar="STORAGE")]
+    """The SQLite file, or the URL of a database, that has the study."""
+    name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: the only one)")] = None
+    """Which study, if the storage has several."""
+    out: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: runs/<name>-study)")] = None
+    """Folder for the report; made if it is not there, overwritten file by file if it is."""
+
+
 Command = (
     Annotated[Run, subcommand("run")]
     | Annotated[Demo, subcommand("demo")]
@@ -238,4 +270,6 @@ Command = (
     | Annotated[Config, subcommand("config")]
     | Annotated[Fuse, subcommand("fuse")]
     | Annotated[TrainRange, subcommand("train-range")]
+    | Annotated[Study, subcommand("study")]
+    | Annotated[StudyReport, subcommand("study-report")]
 )

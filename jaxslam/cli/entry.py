@@ -10,6 +10,8 @@ _EXTRAS = {
     "cli": ("tyro", "matplotlib", "PIL", "rosbags", "ruamel", "tqdm"),
     "train": ("lineax", "optax", "optimistix"),
     "vision": ("skimage",),
+    "study": ("optuna", "sqlalchemy", "cmaes", "sklearn"),
+    "cluster": ("dask", "distributed"),
 }
 """What the commands need beyond the library itself, by the names under which it is imported."""
 

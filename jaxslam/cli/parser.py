@@ -6,14 +6,27 @@ from collections.abc import Sequence
 
 import tyro
 
-from jaxslam.cli.arguments import Command, Config, Demo, Fuse, Info, Localize, Run, TrainRange
+from jaxslam.cli.arguments import (
+    Command,
+    Config,
+    Demo,
+    Fuse,
+    Info,
+    Localize,
+    Run,
+    Study,
+    StudyReport,
+    TrainRange,
+)
 
 
 class UsageError(ValueError):
     """A command line that cannot be understood; the message is one line."""
 
 
-def parse(arguments: Sequence[str]) -> Run | Demo | Localize | Info | Config | Fuse | TrainRange:
+def parse(
+    arguments: Sequence[str],
+) -> Run | Demo | Localize | Info | Config | Fuse | TrainRange | Study | StudyReport:
     """The command that the arguments ask for.
 
     Raises:
@@ -27,12 +40,17 @@ def parse(arguments: Sequence[str]) -> Run | Demo | Localize | Info | Config | F
                 Command,
                 prog="jaxslam",
                 description="Grid-based particle-filter SLAM for 2D lidar: from a log to a map.",
-                args=_one_value_per_set(arguments),
+                args=_one_value_per_set(_one_word(arguments)),
             )
     except SystemExit as stop:
         if not stop.code:
             raise
         raise UsageError(_one_line(complaint.getvalue())) from None
+
+
+def _one_word(arguments: Sequence[str]) -> list[str]:
+    """`study report` as the command `study-report`, so that both ways of writing it work."""
+    return ["study-report", *arguments[2:]] if list(arguments[:2]) == ["study", "report"] else list(arguments)
 
 
 def _one_value_per_set(arguments: Sequence[str]) -> list[str]:

@@ -1,0 +1,113 @@
+"""`jaxslam study CONFIG.toml`."""
+
+import dataclasses
+import os
+from pathlib import Path
+
+import jax
+
+from jaxslam.cli.arguments import Study
+from jaxslam.report import make_folder
+from jaxslam.study import (
+    OBJECTIVES,
+    Plan,
+    Store,
+    Told,
+    held_out_table,
+    keep_programs,
+    open_study,
+    read_plan,
+    run_trials,
+    storage_url,
+    with_few_programs,
+    write_report,
+)
+from jaxslam.study.report import SHOWN, counts, importance_table, trial_table
+
+
+def execute(command: Study, arguments: list[str]) -> None:
+    """Runs the trials that are left, and reports."""
+    plan = read_plan(command.plan)
+    if command.trials is not None:
+        if command.trials < 1:
+            raise ValueError(f"--trials is {command.trials}: give 1 or more")
+        plan = dataclasses.replace(plan, trials=command.trials)
+    # The runs of a trial are spread over the cores; a worker of a cluster has its own.
+    if command.cluster is None:
+        jax.config.update("jax_num_cpu_devices", os.cpu_count() or 1)
+    storage = command.storage or str(Path("runs") / f"{plan.name}.db")
+    url = storage_url(storage)
+    if "://" not in storage:
+        _make_folder_of(Path(storage))
+    folder = command.out or Path("runs") / f"{plan.name}-study"
+    make_folder(folder)
+    programs = (folder / "programs").resolve()
+    keep_programs(programs)
+    plan = with_few_programs(plan)
+    before = len(open_study(plan, url).finished())
+    _describe(plan, storage, before)
+    if command.cluster is None:
+        store = run_trials(plan, url, _say)
+    else:
+        # Dask is an extra of its own.
+        from jaxslam.study.cluster import run_on_cluster
+
+        store = run_on_cluster(plan, url, command.cluster, programs, _say)
+    summary = write_report(folder, store, plan.described())
+    print(f"\n{counts(summary)}\n\n{trial_table(summary, SHOWN)}\n\n{importance_table(summary)}\n")
+    table = _held_out(plan, summary.best.params)
+    print(table)
+    (folder / "held-out.md").write_text(table + "\n", encoding="utf-8")
+    print(f"written   {folder} (report.md, held-out.md, best.toml, history.png, parallel.png, …)")
+
+
+def _make_folder_of(storage: Path) -> None:
+    try:
+        storage.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"--storage {storage}: its folder cannot be made: {error.strerror}") from None
+
+
+def _describe(plan: Plan, storage: str, before: int) -> None:
+    print(f"study     {plan.name}: {plan.trials} trials by {plan.sampler}, {before} of them in {storage}")
+    print(f"logs      {', '.join(source.name for source in plan.sources)}; seeds {_listed(plan.seeds)}")
+    print(f"smaller   {', '.join(OBJECTIVES[name].label for name in plan.objectives)}")
+    for parameter in plan.space.parameters:
+        print(f"space     {parameter}")
+
+
+def _say(store: Store, told: Told) -> None:
+    settings = " ".join(f"{name}={_short(value)}" for name, value in told.settings.items())
+    outcome = f"failed: {told.values}" if isinstance(told.values, str) else _numbers(told.values)
+    print(f"trial {told.number:<4}{outcome}   {settings}   ({told.seconds:.1f} s)", flush=True)
+
+
+def _held_out(plan: Plan, settings: dict) -> str:
+    """The best settings beside those of the base, where they were tuned and where they were not."""
+    labels = [OBJECTIVES[name].label for name in plan.objectives]
+    header = ["", *(f"{label}: {which}" for label in labels for which in ("before", "tuned"))]
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    for name, before, after in held_out_table(plan, settings):
+        if isinstance(before, str) or isinstance(after, str):
+            lines.append(f"| {name} | before: {_outcome(before)}; tuned: {_outcome(after)} |")
+            continue
+        cells = [f"{value:.4g}" for pair in zip(before, after, strict=True) for value in pair]
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def _outcome(outcome: list[float] | str) -> str:
+    return outcome if isinstance(outcome, str) else _numbers(tuple(outcome))
+
+
+def _numbers(values: tuple[float, ...]) -> str:
+    return " ".join(f"{value:.4g}" for value in values)
+
+
+def _short(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _listed(seeds: tuple[int, ...]) -> str:
+    run = seeds == tuple(range(seeds[0], seeds[0] + len(seeds))) and len(seeds) > 1
+    return f"{seeds[0]}–{seeds[-1]}" if run else ", ".join(map(str, seeds))

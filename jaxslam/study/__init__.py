@@ -1,0 +1,30 @@
+"""Hyper-parameter studies: many runs of a filter, settings chosen by Optuna; needs the extra `study`."""
+
+from jaxslam.study.objectives import OBJECTIVES, Figures
+from jaxslam.study.plan import Plan, Source, read_plan
+from jaxslam.study.report import summarise, write_report
+from jaxslam.study.search import Told, evaluate, held_out_table, keep_programs, run_trials, with_few_programs
+from jaxslam.study.space import Parameter, Space
+from jaxslam.study.storage import Store, load_study, open_study, storage_url
+
+__all__ = [
+    "OBJECTIVES",
+    "Figures",
+    "Parameter",
+    "Plan",
+    "Source",
+    "Space",
+    "Store",
+    "Told",
+    "evaluate",
+    "held_out_table",
+    "keep_programs",
+    "load_study",
+    "open_study",
+    "read_plan",
+    "run_trials",
+    "storage_url",
+    "summarise",
+    "with_few_programs",
+    "write_report",
+]

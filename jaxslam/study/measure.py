@@ -1,0 +1,178 @@
+"""Runs configurations on the sources of a study, those of one program together, and measures them."""
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float64, Int8
+
+from jaxslam.grid.spec import GridSpec
+from jaxslam.io import Relations, SensorLog, read_log, read_relations, read_tum
+from jaxslam.many import ManyResult, run_many
+from jaxslam.metrics import BinaryMap, map_score
+from jaxslam.preparation import Prepared, prepare
+from jaxslam.presets import detect_lidar
+from jaxslam.report.accuracy import reference_error, relation_figures
+from jaxslam.report.folder import occupancy_probability
+from jaxslam.run import poses_at_every_scan
+from jaxslam.settings import Scalar
+from jaxslam.sim import World, make_world, observable, simulate, to_log
+from jaxslam.study.objectives import Figures
+from jaxslam.study.plan import Plan, Source
+
+TOLERANCE = 0.1
+"""A wall counts as found within so much, metres."""
+
+
+class TrialError(ValueError):
+    """A configuration whose runs cannot be measured; the message says why."""
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A source in memory.
+
+    Attributes:
+        log: what is mapped.
+        lidar: name of the preset.
+        reference: stamps and poses; None for a log without.
+        relations: None for a source without.
+        world: None for a log.
+    """
+
+    log: SensorLog
+    lidar: str
+    reference: tuple[Float64[np.ndarray, "M"], Float64[np.ndarray, "M 3"]] | None = None
+    relations: Relations | None = None
+    world: World | None = None
+
+
+@functools.lru_cache(maxsize=16)
+def load(source: Source) -> Loaded:
+    """Reads a log, or drives through a world.
+
+    Raises:
+        ValueError: a file that cannot be used, one line.
+        OSError: one that cannot be read.
+    """
+    if source.world is not None:
+        world, waypoints = make_world(source.world)
+        # Another key than the filters', which know nothing of the simulator's noise.
+        key = jax.random.fold_in(jax.random.key(source.seed), 1)
+        simulation = simulate(key, world, waypoints, duration=float(source.duration))
+        log = to_log(simulation, source.name, in_world_frame=True)
+        assert log.scans is not None
+        truth = np.asarray(simulation.scan_poses, np.float64)
+        return Loaded(log, source.lidar or "sick", (log.scans.stamps, truth), world=world)
+    assert source.log is not None
+    log = read_log(source.log)
+    return Loaded(
+        log,
+        source.lidar or detect_lidar(log).name,
+        None if source.reference is None else read_tum(Path(source.reference)),
+        None if source.relations is None else read_relations(source.relations),
+    )
+
+
+def measure(
+    plan: Plan, source: Source, seeds: Sequence[int], settings: Sequence[Mapping[str, Scalar]]
+) -> list[Figures | TrialError]:
+    """The figures of every configuration on one source, or why there are none.
+
+    Configurations that differ in traced numbers only share a program, and run together, unless the time of
+    each is to be told.
+    """
+    loaded = load(source)
+    found: list[Figures | TrialError | None] = [None] * len(settings)
+    groups: dict[Any, list[tuple[int, Prepared]]] = {}
+    for index, each in enumerate(settings):
+        try:
+            prepared, feed = _prepared(plan, source, loaded, each)
+        except (ValueError, OverflowError) as error:
+            found[index] = TrialError(str(error))
+            continue
+        apart = index if "time" in plan.objectives else None
+        program = (feed, jax.tree.structure(prepared.slam), apart)
+        groups.setdefault(program, []).append((index, prepared))
+    keys = jnp.stack([jax.random.key(seed) for seed in seeds])
+    for members in groups.values():
+        first = members[0][1]
+        filters = [prepared.slam for _, prepared in members]
+        try:
+            result = run_many(first.slam, keys, filters, first.inputs, maps=loaded.world is not None)
+        except (ValueError, jax.errors.JaxRuntimeError) as error:
+            for index, _ in members:
+                found[index] = TrialError(str(error))
+            continue
+        for row, (index, prepared) in enumerate(members):
+            found[index] = _figures(loaded, prepared, result, row)
+    return [each if each is not None else TrialError("it was not run") for each in found]
+
+
+def _prepared(
+    plan: Plan, source: Source, loaded: Loaded, settings: Mapping[str, Scalar]
+) -> tuple[Prepared, tuple[Any, ...]]:
+    """The filter with its inputs, and all that the inputs depend on."""
+    configuration = plan.configuration(settings, loaded.lidar)
+    return prepare(loaded.log, configuration), (
+        *jax.tree.leaves(configuration.lidar),
+        configuration.thinning,
+        *jax.tree.leaves(configuration.fusion),
+        jax.tree.structure(configuration.fusion),
+    )
+
+
+def _figures(loaded: Loaded, prepared: Prepared, result: ManyResult, row: int) -> Figures | TrialError:
+    lost = int(result.left_map[row].sum())
+    if lost:
+        return TrialError(f"the robot left the map in {lost} of {len(result.left_map[row])} runs")
+    if not np.isfinite(result.trajectories[row]).all():
+        return TrialError("a trajectory is not finite")
+    errors = [_errors(loaded, prepared, path.astype(np.float64)) for path in result.trajectories[row]]
+    return Figures(
+        error=np.array([error for error, _ in errors]),
+        heading=np.array([heading for _, heading in errors]),
+        map_loss=_map_losses(loaded, prepared.slam.grid, result.log_odds, row),
+        ms_per_scan=result.ms_per_scan,
+    )
+
+
+def _errors(loaded: Loaded, prepared: Prepared, path: Float64[np.ndarray, "T 3"]) -> tuple[float, float]:
+    """Metres and degrees; NaN for a source that has nothing to be measured by."""
+    log, inputs = loaded.log, prepared.inputs
+    assert log.odometry is not None
+    poses = poses_at_every_scan(inputs, path)
+    if loaded.relations is not None:
+        figures = relation_figures(inputs.all_stamps, poses, log.odometry, loaded.relations)
+        return figures["trans_mean_m"], figures["rot_mean_deg"]
+    if loaded.reference is None:
+        return np.nan, np.nan
+    error = reference_error(*loaded.reference, inputs.all_stamps, poses, log.odometry)
+    return error.rmse_m, error.rot_rmse_deg
+
+
+def _map_losses(
+    loaded: Loaded, grid: GridSpec, log_odds: Int8[np.ndarray, "C S H W"] | None, row: int
+) -> Float64[np.ndarray, "S"]:
+    """One minus the IoU of the walls, by seed; empty for a log, of which no map is known."""
+    if loaded.world is None or log_odds is None:
+        return np.zeros(0)
+    assert loaded.reference is not None
+    start = jnp.asarray(loaded.reference[1][0, :2], jnp.float32)
+    resolution, origin = float(grid.resolution), np.asarray(grid.origin, np.float64)
+    truth = BinaryMap(*observable(loaded.world, grid, start), resolution, origin)
+    maps = (
+        BinaryMap.from_probability(occupancy_probability(each), resolution, origin) for each in log_odds[row]
+    )
+    return np.array([1.0 - map_score(truth, each, tolerance_m=TOLERANCE).iou for each in maps])
+
+
+def program_of(plan: Plan, source: Source, settings: Mapping[str, Scalar]) -> Any:
+    """What must be equal for two configurations to share a program: structure and sizes."""
+    prepared, _ = _prepared(plan, source, load(source), settings)
+    return jax.tree.structure(prepared.slam), (len(prepared.inputs.stamps) - 1).bit_length()

@@ -1,0 +1,289 @@
+"""What a study is: logs, a search space, seeds, objectives. Read from TOML, checked before anything runs."""
+
+import dataclasses
+import difflib
+import json
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jaxslam import toml
+from jaxslam.configuration import Configuration
+from jaxslam.presets import PRESETS, lidar_preset
+from jaxslam.settings import Scalar, update
+from jaxslam.sim.worlds import WORLDS
+from jaxslam.study.objectives import OBJECTIVES
+from jaxslam.study.space import Space
+
+SAMPLERS = ("tpe", "cma-es", "nsga-ii", "random")
+HELD_OUT_SEEDS = 1000
+"""The first of the seeds that are held out, unless the plan names some."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """What is mapped: a log on disk with what it is measured by, or a simulated drive with the truth.
+
+    Attributes:
+        name: for tables.
+        log: path of the log; None for a simulation.
+        relations: path of known relations, for a log.
+        reference: path of a reference trajectory (TUM), for a log.
+        world: of `jaxslam.sim.WORLDS`; None for a log.
+        duration: seconds driven in it.
+        seed: of the simulation's noise.
+        lidar: preset; None lets the log's scans choose.
+    """
+
+    name: str
+    log: str | None = None
+    relations: str | None = None
+    reference: str | None = None
+    world: str | None = None
+    duration: float = 60.0
+    seed: int = 0
+    lidar: str | None = None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A study.
+
+    Attributes:
+        name: in the storage.
+        base: settings that differ from the defaults, by dotted name; the same in every trial.
+        sources: tuned on.
+        held_out: looked at once, in the end.
+        seeds: of every trial, the same ones: what differs between trials is then the settings.
+        held_out_seeds: for the end.
+        space: what is searched.
+        objectives: names in `OBJECTIVES`, all minimised.
+        sampler: of `SAMPLERS`.
+        sampler_seed: of its random numbers.
+        trials: how many in all.
+        batch: trials that are asked for at a time; those of one program run together.
+    """
+
+    name: str
+    base: Mapping[str, Scalar]
+    sources: tuple[Source, ...]
+    held_out: tuple[Source, ...]
+    seeds: tuple[int, ...]
+    held_out_seeds: tuple[int, ...]
+    space: Space
+    objectives: tuple[str, ...] = ("error",)
+    sampler: str = "tpe"
+    sampler_seed: int = 0
+    trials: int = 50
+    batch: int = 1
+
+    def configuration(self, settings: Mapping[str, Scalar], lidar: str | None = None) -> Configuration:
+        """The base with the settings of a trial.
+
+        Raises:
+            ValueError: one of them is out of range.
+        """
+        start = Configuration() if lidar is None else Configuration().with_lidar(lidar_preset(lidar))
+        return with_settings(with_settings(start, self.base), settings)
+
+    def described(self) -> dict[str, Any]:
+        """All that makes the values of two trials comparable, as JSON has it."""
+        kept = dataclasses.asdict(self)
+        for name in ("sampler", "sampler_seed", "trials", "batch", "held_out", "held_out_seeds"):
+            del kept[name]
+        return json.loads(json.dumps(kept))
+
+
+def with_settings(configuration: Configuration, settings: Mapping[str, Scalar]) -> Configuration:
+    """The same with other settings; `method` is one of them."""
+    rest = dict(settings)
+    method = rest.pop("method", None)
+    if method is not None:
+        configuration = configuration.with_method(str(method))
+    return update(configuration, rest, exact=True)
+
+
+def read_plan(path: Path) -> Plan:
+    """Reads and checks a study.
+
+    Raises:
+        ValueError: the file is not TOML, a name in it is not known (the nearest is named), a value is out of
+            range, the space is empty, or nothing is there to measure by; one line.
+        OSError: it cannot be read.
+    """
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError:
+        raise ValueError(f"{path}: not a text file: give a study in TOML") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{path}: not valid TOML: {error}") from None
+    try:
+        return _plan(tables, path)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _plan(tables: dict[str, Any], path: Path) -> Plan:
+    _known(tables, ("study", "filter", "logs", "held_out", "space"), "a study has no table")
+    study = _table(tables, "study")
+    _known(study, tuple(_DEFAULTS), "[study] has no")
+    given = {**_DEFAULTS, "name": path.stem, **study}
+    for key, default in _DEFAULTS.items():
+        if type(default) is int and not (type(given[key]) is int and given[key] >= (key != "seed")):
+            raise ValueError(
+                f"study.{key} is {given[key]!r}: give a whole number, {int(key != 'seed')} or more"
+            )
+    base = _base(study, _table(tables, "filter"), path.parent)
+    seeds = _seeds(given["seeds"], 0, "study.seeds")
+    held_out_seeds = _seeds(given["held_out_seeds"], HELD_OUT_SEEDS, "study.held_out_seeds")
+    objectives = _chosen(given["objectives"], tuple(OBJECTIVES), "study.objectives")
+    [sampler] = _chosen([given["sampler"]], SAMPLERS, "study.sampler")
+    if sampler == "cma-es" and len(objectives) > 1:
+        raise ValueError(
+            "study.sampler is cma-es, which takes one objective: take nsga-ii or tpe for several"
+        )
+    sources = _sources(tables.get("logs", []), "logs", path.parent)
+    if not sources:
+        raise ValueError("no [[logs]]: give one or more to tune on")
+    held_out = _sources(tables.get("held_out", []), "held_out", path.parent)
+    for source in (*sources, *held_out):
+        for objective in objectives:
+            OBJECTIVES[objective].check(source)
+    plan = Plan(
+        name=str(given["name"]),
+        base=base,
+        sources=sources,
+        held_out=held_out,
+        seeds=seeds,
+        held_out_seeds=held_out_seeds,
+        space=Space(()),
+        objectives=objectives,
+        sampler=sampler,
+        sampler_seed=given["seed"],
+        trials=given["trials"],
+        batch=given["batch"],
+    )
+    names = toml.named(_table(tables, "space"), leaves=("low", "high", "step", "log", "choices"))
+    space = Space.of(names, plan.configuration({}))
+    plan = dataclasses.replace(plan, space=space)
+    _check_bounds(plan)
+    return plan
+
+
+_DEFAULTS: dict[str, Any] = {
+    "name": "",
+    "config": None,
+    "method": None,
+    "seeds": 3,
+    "held_out_seeds": 3,
+    "objectives": ["error"],
+    "sampler": "tpe",
+    "seed": 0,
+    "trials": 50,
+    "batch": 1,
+}
+
+
+def _base(study: Mapping[str, Any], settings: dict[str, Any], folder: Path) -> dict[str, Scalar]:
+    """What differs from the defaults: a method, a file, the table [filter], in this order."""
+    base: dict[str, Scalar] = {}
+    if "method" in study:
+        base["method"] = study["method"]
+    if "config" in study:
+        file = _existing(study["config"], folder, "study.config")
+        base |= toml.read_settings(file)  # type: ignore[arg-type]
+    base |= toml.named(settings)  # type: ignore[arg-type]
+    # Complaints about them come from here, and not from the first trial.
+    with_settings(Configuration(), base)
+    return base
+
+
+def _sources(tables: Any, name: str, folder: Path) -> tuple[Source, ...]:
+    if not isinstance(tables, list):
+        raise ValueError(f"{name} is one table: write [[{name}]] with two brackets")
+    known = tuple(field.name for field in dataclasses.fields(Source))
+    found: list[Source] = []
+    for index, table in enumerate(tables):
+        where = f"[[{name}]] {index + 1}"
+        _known(table, known, f"{where} has no")
+        if ("log" in table) == ("world" in table):
+            raise ValueError(f"{where}: give a log or a world")
+        if "world" in table:
+            _chosen([table["world"]], tuple(WORLDS), f"{where} world")
+            wrong = [key for key in ("relations", "reference") if key in table]
+            if wrong:
+                raise ValueError(f"{where}: {wrong[0]} is for a log; of a world the truth is known")
+        if table.get("lidar") is not None:
+            _chosen([table["lidar"]], tuple(PRESETS), f"{where} lidar")
+        duration = table.get("duration", 60.0)
+        if not (isinstance(duration, int | float) and math.isfinite(duration) and duration > 0):
+            raise ValueError(f"{where} duration is {duration!r}: give seconds, more than 0")
+        if not (type(table.get("seed", 0)) is int and table.get("seed", 0) >= 0):
+            raise ValueError(f"{where} seed is {table['seed']!r}: give a whole number, 0 or more")
+        paths = {
+            key: str(_existing(table[key], folder, f"{where} {key}"))
+            for key in ("log", "relations", "reference")
+            if key in table
+        }
+        label = Path(table["log"]).name if "log" in table else f"{table['world']}-{table.get('seed', 0)}"
+        found.append(Source(**{"name": label, **table, **paths}))
+    return tuple(found)
+
+
+def _check_bounds(plan: Plan) -> None:
+    """Tries both ends of every parameter: a setting that no filter takes should not cost a trial."""
+    for parameter in plan.space.parameters:
+        holds = plan.space.where_it_applies(parameter, plan.configuration({}))
+        for value in parameter.ends():
+            try:
+                plan.configuration({**holds, parameter.name: value})
+            except ValueError as error:
+                raise ValueError(f"space: {parameter.name} = {value!r}: {error}") from None
+
+
+def _existing(path: Any, folder: Path, name: str) -> Path:
+    if not isinstance(path, str):
+        raise ValueError(f"{name} is {path!r}: give a path as text")
+    # As seen from the study's file.
+    full = (folder / path).resolve()
+    if not full.exists():
+        raise ValueError(f"{name}: {full} is not there")
+    return full
+
+
+def _seeds(given: Any, first: int, name: str) -> tuple[int, ...]:
+    seeds = range(first, first + given) if type(given) is int else given
+    if not isinstance(seeds, Sequence) or not seeds or any(type(s) is not int or s < 0 for s in seeds):
+        raise ValueError(f"{name} is {given!r}: give how many, or a list of whole numbers")
+    return tuple(seeds)
+
+
+def _chosen(given: Any, known: Sequence[str], name: str) -> tuple[str, ...]:
+    if not isinstance(given, list) or not given:
+        raise ValueError(f"{name} is {given!r}: give a list with some of {', '.join(known)}")
+    for value in given:
+        if value not in known:
+            nearest = difflib.get_close_matches(str(value), known, n=1, cutoff=0.0)[0]
+            raise ValueError(f"{name} is {value!r}: did you mean {nearest!r}? There are {', '.join(known)}")
+    if len(set(given)) < len(given):
+        raise ValueError(f"{name} names one twice: {', '.join(given)}")
+    return tuple(given)
+
+
+def _table(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
+    table = tables.get(name, {})
+    if not isinstance(table, dict):
+        raise ValueError(f"{name} is {table!r}: write a table, [{name}]")
+    return table
+
+
+def _known(table: Mapping[str, Any], names: Sequence[str], complaint: str) -> None:
+    if not isinstance(table, Mapping):
+        raise ValueError(f"{table!r} stands where a table is wanted")
+    for name in table:
+        if name not in names:
+            nearest = difflib.get_close_matches(name, names, n=1, cutoff=0.0)[0]
+            raise ValueError(f"{complaint} {name!r}: did you mean {nearest!r}? There are {', '.join(names)}")

@@ -1,0 +1,158 @@
+"""The trials of a study: ask for settings, run them, tell what they were worth."""
+
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxslam.settings import Scalar
+from jaxslam.study.measure import TrialError, load, measure, program_of
+from jaxslam.study.objectives import Figures, values
+from jaxslam.study.plan import Plan, Source
+from jaxslam.study.space import Parameter
+from jaxslam.study.storage import Store, failure, open_study
+
+HOPELESS = 5
+"""If so many trials fail before one succeeds, something is wrong with all of them."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """A trial that came to an end.
+
+    Attributes:
+        number: in the study.
+        settings: what was tried.
+        values: its objectives, or why there are none.
+        seconds: that it took, with all that ran beside it.
+    """
+
+    number: int
+    settings: dict[str, Scalar]
+    values: tuple[float, ...] | str
+    seconds: float
+
+
+def keep_programs(folder: Path) -> None:
+    """Compiled programs are kept in a folder: for the workers beside this one, and for the next session."""
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+def with_few_programs(plan: Plan) -> Plan:
+    """The plan with a step for every number on which the program depends, so that few are compiled."""
+    base = plan.configuration({}, plan.sources[0].lidar)
+
+    def is_size(parameter: Parameter) -> bool:
+        held = plan.space.where_it_applies(parameter, base)
+        low, high = ({**held, parameter.name: value} for value in parameter.ends())
+        return program_of(plan, plan.sources[0], low) != program_of(plan, plan.sources[0], high)
+
+    return dataclasses.replace(plan, space=plan.space.with_steps(is_size))
+
+
+def run_trials(plan: Plan, url: str, on_trial: Callable[[Store, Told], None]) -> Store:
+    """Goes on until the study has as many finished trials as the plan asks for.
+
+    Raises:
+        ValueError: the storage cannot be used, a source cannot be read, or the first trials all fail.
+    """
+    for source in plan.sources:
+        load(source)
+    store = open_study(plan, url, _stream(plan, url))
+    while (count := len(store.finished())) < plan.trials:
+        for told in run_batch(plan, store, min(plan.batch, plan.trials - count)):
+            on_trial(store, told)
+        check_hope(store)
+    return store
+
+
+def run_batch(plan: Plan, store: Store, count: int) -> list[Told]:
+    """Asks for so many trials, runs those of one program together, and tells each when all are done."""
+    store.give_up_lost()
+    started = time.perf_counter()
+    trials = store.ask(count)
+    with store.alive(trials):
+        base = plan.configuration({})
+        settings = [plan.space.suggest(trial, base) for trial in trials]
+        try:
+            outcomes = evaluate(plan, plan.sources, plan.seeds, settings)
+        except KeyboardInterrupt:
+            for trial in trials:
+                store.tell(trial, "interrupted")
+            raise
+        for trial, outcome in zip(trials, outcomes, strict=True):
+            store.tell(trial, outcome)
+    seconds = time.perf_counter() - started
+    return [
+        Told(trial.number, tried, outcome if isinstance(outcome, str) else tuple(outcome), seconds)
+        for trial, tried, outcome in zip(trials, settings, outcomes, strict=True)
+    ]
+
+
+def evaluate(
+    plan: Plan, sources: Sequence[Source], seeds: Sequence[int], settings: Sequence[dict[str, Scalar]]
+) -> list[list[float] | str]:
+    """Objectives of every configuration, the mean over sources; or why there are none."""
+    by_source: list[list[Figures | TrialError]] = []
+    for source in sources:
+        # What failed on one source is not run on the others.
+        left = [index for index in range(len(settings)) if not _failed(by_source, index)]
+        found: list[Figures | TrialError] = [TrialError("")] * len(settings)
+        for index, each in zip(left, measure(plan, source, seeds, [settings[i] for i in left]), strict=True):
+            found[index] = TrialError(f"{source.name}: {each}") if isinstance(each, TrialError) else each
+        by_source.append(found)
+    outcomes: list[list[float] | str] = []
+    for index in range(len(settings)):
+        failed = _failed(by_source, index)
+        if failed is not None:
+            outcomes.append(str(failed))
+            continue
+        numbers = values(plan.objectives, [figures[index] for figures in by_source])  # type: ignore[misc]
+        finite = np.isfinite(numbers).all()
+        outcomes.append(numbers if finite else f"{' and '.join(plan.objectives)} of {numbers} are not finite")
+    return outcomes
+
+
+def _failed(by_source: Sequence[Sequence[Any]], index: int) -> TrialError | None:
+    return next((found[index] for found in by_source if isinstance(found[index], TrialError)), None)
+
+
+def check_hope(store: Store) -> None:
+    """Raises `ValueError` if the first trials all failed."""
+    done = store.finished()
+    if len(done) >= HOPELESS and all(trial.values is None for trial in done):
+        raise ValueError(
+            f"the first {len(done)} trials all failed, the last one because: {failure(done[-1])}"
+        )
+
+
+def _stream(plan: Plan, url: str) -> int:
+    """Where the sampler's random numbers go on: the same draws would be the same trials again."""
+    return len(open_study(plan, url).trials())
+
+
+def held_out_table(
+    plan: Plan, settings: dict[str, Scalar]
+) -> list[tuple[str, list[float] | str, list[float] | str]]:
+    """Tuned settings beside those of the base: on what they were tuned on, and on what they were not.
+
+    Returns:
+        Rows of a name and two outcomes of `evaluate`: of the base, and of the tuned settings.
+    """
+    rows = [
+        ("tuned on, its seeds", plan.sources, plan.seeds),
+        ("tuned on, other seeds", plan.sources, plan.held_out_seeds),
+    ]
+    rows += [(f"held out: {source.name}", (source,), plan.held_out_seeds) for source in plan.held_out]
+    # One by one: what runs beside it would count in its time.
+    found = []
+    for name, sources, seeds in rows:
+        before, after = (evaluate(plan, sources, seeds, [tried])[0] for tried in ({}, settings))
+        found.append((name, before, after))
+    return found

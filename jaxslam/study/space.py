@@ -1,0 +1,205 @@
+"""A search space: named settings, each with an interval or with choices."""
+
+import dataclasses
+import difflib
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from jaxslam.configuration import METHODS, Configuration
+from jaxslam.settings import KIND, Scalar, flatten, update
+
+METHOD = "method"
+VALUES_OF_A_SIZE = 5
+"""A number on which the program depends takes so many values, unless the space has a step for it."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One dimension.
+
+    Attributes:
+        name: dotted, as in `jaxslam config`, or `method`.
+        choices: to choose from; empty for an interval.
+        low: lower end of the interval, included.
+        high: its upper end, included.
+        step: between values; None where they are continuous.
+        log: whether equal ratios count as equal steps.
+        whole: whether it is a whole number.
+    """
+
+    name: str
+    choices: tuple[Scalar, ...] = ()
+    low: float = 0.0
+    high: float = 0.0
+    step: float | None = None
+    log: bool = False
+    whole: bool = False
+
+    @property
+    def chooses_a_part(self) -> bool:
+        """Whether other parameters may be there for some of its choices only."""
+        return self.name == METHOD or self.name.endswith("." + KIND)
+
+    def ends(self) -> tuple[Scalar, ...]:
+        """All choices, or both ends of the interval."""
+        return self.choices or (self._number(self.low), self._number(self.high))
+
+    def count(self) -> float:
+        """How many values it has; infinite if it is continuous."""
+        if self.choices:
+            return len(self.choices)
+        return math.inf if self.step is None else int((self.high - self.low) / self.step + 1e-9) + 1
+
+    def suggest(self, trial: Any) -> Scalar:
+        """The sampler's value for an Optuna trial."""
+        if self.choices:
+            return trial.suggest_categorical(self.name, self.choices)
+        if self.whole:
+            step = 1 if self.step is None else int(self.step)
+            return trial.suggest_int(self.name, int(self.low), int(self.high), step=step, log=self.log)
+        return trial.suggest_float(self.name, self.low, self.high, step=self.step, log=self.log)
+
+    def _number(self, value: float) -> Scalar:
+        return int(value) if self.whole else float(value)
+
+    def __str__(self) -> str:
+        if self.choices:
+            return f"{self.name}: {', '.join(map(str, self.choices))}"
+        scale = " on a logarithmic scale" if self.log else ""
+        steps = "" if self.step is None else f" in steps of {self.step:g}"
+        return f"{self.name}: {self.low:g} to {self.high:g}{steps}{scale}"
+
+
+@dataclass(frozen=True)
+class Space:
+    """All parameters; those that choose a part come first."""
+
+    parameters: tuple[Parameter, ...]
+
+    @classmethod
+    def of(cls, tables: Mapping[str, Any], base: Configuration) -> "Space":
+        """Reads and checks a space.
+
+        Args:
+            tables: by name, `[choice, …]` or `{low, high, step, log}` or `{choices}`.
+            base: the filter that is searched around.
+
+        Raises:
+            ValueError: an empty space, an unknown name (the nearest is named), an interval that is none.
+        """
+        if not tables:
+            raise ValueError(
+                'the space is empty: give [space] some settings, such as "sensor.sigma_hit" = '
+                "{ low = 0.02, high = 0.3, log = true }"
+            )
+        # What chooses a part decides which other names there are.
+        names = sorted(tables, key=lambda name: not (name == METHOD or name.endswith("." + KIND)))
+        kinds = {METHOD: next(iter(METHODS))}
+        parts = [
+            _parameter(name, tables[name], kinds | flatten(base))
+            for name in names
+            if name == METHOD or (name.endswith("." + KIND) and name in flatten(base))
+        ]
+        known: dict[str, Scalar] = dict(kinds)
+        for choice in _combinations(parts):
+            known |= flatten(_chosen(base, choice))
+        for name in names:
+            if name not in known:
+                nearest = difflib.get_close_matches(name, list(known), n=1, cutoff=0.0)[0]
+                raise ValueError(f"space: no setting is called {name!r}: did you mean {nearest!r}?")
+        rest = [
+            _parameter(name, tables[name], known) for name in names if name not in {p.name for p in parts}
+        ]
+        if METHOD in tables and "proposal.kind" in tables:
+            raise ValueError("space: method chooses the proposal.kind: give one of the two")
+        return cls((*parts, *rest))
+
+    def parts(self) -> list[Parameter]:
+        """Those that choose a part of the filter."""
+        return [parameter for parameter in self.parameters if parameter.chooses_a_part]
+
+    def suggest(self, trial: Any, base: Configuration) -> dict[str, Scalar]:
+        """A trial's settings: first the parts, then what those parts have."""
+        settings = {parameter.name: parameter.suggest(trial) for parameter in self.parts()}
+        known = flatten(_chosen(base, settings))
+        for parameter in self.parameters:
+            if not parameter.chooses_a_part and parameter.name in known:
+                settings[parameter.name] = parameter.suggest(trial)
+        return settings
+
+    def where_it_applies(self, parameter: Parameter, base: Configuration) -> dict[str, Scalar]:
+        """Choices of parts with which a filter has this parameter."""
+        if parameter.chooses_a_part:
+            return {}
+        choices = _combinations(self.parts())
+        return next(choice for choice in choices if parameter.name in flatten(_chosen(base, choice)))
+
+    def with_steps(self, is_size: Callable[[Parameter], bool]) -> "Space":
+        """The same with `VALUES_OF_A_SIZE` values where a number decides the program and has no step."""
+
+        def limited(parameter: Parameter) -> Parameter:
+            if parameter.choices or parameter.step is not None or parameter.log or not is_size(parameter):
+                return parameter
+            step = (parameter.high - parameter.low) / (VALUES_OF_A_SIZE - 1)
+            if parameter.whole:
+                step = max(1, math.ceil(step))
+            return dataclasses.replace(parameter, step=step, high=_last(parameter.low, parameter.high, step))
+
+        return Space(tuple(limited(parameter) for parameter in self.parameters))
+
+
+def _parameter(name: str, table: Any, known: Mapping[str, Scalar]) -> Parameter:
+    where, value = f"space: {name}", known[name]
+    if isinstance(table, list):
+        table = {"choices": table}
+    if not isinstance(table, Mapping):
+        raise ValueError(f"{where} is {table!r}: give a list of choices or {{ low = …, high = … }}")
+    if "choices" in table:
+        choices = table["choices"]
+        if len(table) > 1 or not isinstance(choices, list) or not choices:
+            raise ValueError(f"{where}: give a list of choices, and nothing beside it")
+        return Parameter(name, choices=tuple(choices))
+    unknown = [key for key in table if key not in ("low", "high", "step", "log")]
+    if unknown:
+        raise ValueError(f"{where} has no {unknown[0]!r}: there are low, high, step, log and choices")
+    if isinstance(value, bool | str):
+        raise ValueError(f"{where} is no number: give a list of choices")
+    if not {"low", "high"} <= set(table):
+        raise ValueError(f"{where}: give low and high")
+    for key in ("low", "high", "step"):
+        number = table.get(key, 0)
+        if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number):
+            raise ValueError(f"{where}: {key} is {number!r}: give a finite number")
+        if isinstance(value, int) and not isinstance(number, int):
+            raise ValueError(f"{where}: {key} is {number!r}: give a whole number")
+    low, high, step, log = table["low"], table["high"], table.get("step"), table.get("log", False)
+    if not low < high:
+        raise ValueError(f"{where}: low is {low} and high is {high}: low must be less")
+    if step is not None and not 0 < step <= high - low:
+        raise ValueError(f"{where}: step is {step}: give more than 0, and no more than high - low")
+    if not isinstance(log, bool) or (log and (low <= 0 or step is not None)):
+        raise ValueError(f"{where}: log is for an interval above 0 without a step")
+    if step is not None:
+        high = _last(low, high, step)
+    return Parameter(name, (), low, high, step, log, isinstance(value, int))
+
+
+def _last(low: float, high: float, step: float) -> float:
+    """The last value of an interval that is whole steps from its first."""
+    return low + int((high - low) / step + 1e-9) * step
+
+
+def _combinations(parts: Sequence[Parameter]) -> Iterator[dict[str, Scalar]]:
+    names: Iterable[str] = [parameter.name for parameter in parts]
+    for values in itertools.product(*(parameter.choices for parameter in parts)):
+        yield dict(zip(names, values, strict=True))
+
+
+def _chosen(base: Configuration, parts: Mapping[str, Scalar]) -> Configuration:
+    rest = dict(parts)
+    if METHOD in rest:
+        base = base.with_method(str(rest.pop(METHOD)))
+    return update(base, rest, exact=True)

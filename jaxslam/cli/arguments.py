@@ -232,7 +232,7 @@ class TrainRange:
 
 @dataclass(frozen=True)
 class Study:
-    """Look for better settings by many runs, as a file describes it; `study report STORAGE` has the results."""
+    """Look for better settings by many runs, as a file describes it; `study report STORAGE` tells results."""
 
     plan: Annotated[Path, Positional, arg(metavar="CONFIG.toml")]
     """What is tuned on which logs; notebooks/06_study.ipynb and the README show one."""

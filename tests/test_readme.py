@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from jaxslam.cli.parser import parse
+from jaxslam.study import read_plan
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -31,8 +32,22 @@ def test_the_quickstart_runs(capsys):
 
 @pytest.mark.parametrize("line", shell_lines())
 def test_the_commands_parse(line):
-    command = parse(shlex.split(line)[1:])
-    assert type(command).__name__.lower() == shlex.split(line)[1].replace("-", "")
+    words = shlex.split(line)[1:]
+    name = "studyreport" if words[:2] == ["study", "report"] else words[0].replace("-", "")
+    assert type(parse(words)).__name__.lower() == name
+
+
+def test_many_runs_run(capsys):
+    exec(compile(block_after("many"), "README.md", "exec"), {})
+    assert re.search(r"^\(4, 3, \d+, 3\) ManyResult\(4 configurations × 3 keys", capsys.readouterr().out)
+
+
+def test_the_study_can_be_read(tmp_path):
+    path = tmp_path / "hall.toml"
+    path.write_text(block_after("study"), encoding="utf-8")
+    plan = read_plan(path)
+    assert [parameter.name for parameter in plan.space.parameters][0] == "proposal.kind"
+    assert len(plan.space.parameters) == 4
 
 
 def test_ci_runs_the_two_commands_of_the_first_screen():

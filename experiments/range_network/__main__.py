@@ -54,7 +54,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     times = milliseconds_per_scan(
         names, lambda name: runs.prepared_trial(by_name[name].settings, 0, timed_for)[2], options
     )
-    draw_loops(options.out / "maps.png", results, [_name(WORST, particles[0], net) for net in WITHOUT_WITH])
+    without, with_network = (_name(WORST, particles[0], net) for net in WITHOUT_WITH)
+    draw_loops(options.out / "maps.png", results, (without, with_network))
     _write_training_figures(options)
     text = "\n".join(
         f"{title}:\n\n{table}"

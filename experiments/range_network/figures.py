@@ -1,8 +1,8 @@
 """The paper's figures 14 to 19: the corridor's map without the network, with it, and as it should be."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -10,20 +10,32 @@ from experiments.harness import Arrays
 from jaxslam.viz import plot_map, plot_trajectory
 
 
-def draw_loops(path: Path, results: dict[str, Arrays], names: Sequence[str]) -> None:
-    """Maps of the first trial, below the one from known poses and the one from many particles."""
-    shown = [("from known poses, a lidar without bias", results["reference-known"])]
-    shown += [("many particles on small loops, a lidar without bias", results["reference-built"])]
+def draw_loops(path: Path, results: dict[str, Arrays], names: tuple[str, str]) -> None:
+    """Maps without and with the network, below the one from known poses and the one from many particles.
+
+    Shown is the first trial that only one of the two closes; without one the first of all, with its paths.
+    """
+    shown: list[tuple[str, Arrays, int | None]] = [
+        ("from known poses, a lidar without bias", results["reference-known"], None),
+        ("many particles on small loops, a lidar without bias", results["reference-built"], None),
+    ]
+    closed = [results[name]["closed"].astype(bool) for name in names]
+    differing = np.flatnonzero(closed[0] != closed[1])
+    trial = int(differing[0]) if len(differing) else None
     for name in names:
         net, particles, *_ = name.split("-")
-        cell = results[name]
-        state = "closed" if cell["closed"][0] else "open"
-        shown.append((f"{particles} particles, {net} the network: {state}", cell))
+        state = "closed" if results[name]["closed"][trial or 0] else "open"
+        shown.append(
+            (f"{particles} particles, {net} the network, trial {trial or 0}: {state}", results[name], trial)
+        )
     figure = Figure(figsize=(9, 3.6 * len(shown)), layout="constrained")
     FigureCanvasAgg(figure)
-    for ax, (title, cell) in zip(figure.subplots(len(shown), 1), shown, strict=True):
-        plot_map(cell["one_map"], float(cell["one_resolution"]), cell["one_origin"], ax)
-        plot_trajectory(cell["one_path"], ax, label="estimate", legend=False)
-        plot_trajectory(cell["one_truth"], ax, label="truth", color="black", linestyle="--", legend=False)
+    for ax, (title, cell, which) in zip(figure.subplots(len(shown), 1), shown, strict=True):
+        log_odds = cell["one_map"] if which is None else cell["maps"][which]
+        plot_map(log_odds, float(cell["one_resolution"]), cell["one_origin"], ax)
+        # Of the other trials the paths are not kept.
+        if not which:
+            plot_trajectory(cell["one_path"], ax, label="estimate", legend=False)
+            plot_trajectory(cell["one_truth"], ax, label="truth", color="black", linestyle="--", legend=False)
         ax.set_title(title)
     figure.savefig(path, dpi=90)

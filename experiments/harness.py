@@ -29,6 +29,7 @@ class Options:
         workers: processes that run side by side.
         smoke: a tiny version, to see that it runs.
         fresh: compute again what the folder has.
+        command: that gives the same results, for the record.
     """
 
     out: Path
@@ -36,6 +37,7 @@ class Options:
     workers: int
     smoke: bool
     fresh: bool
+    command: str = ""
 
 
 def parse_options(name: str, question: str, seeds: int, arguments: Sequence[str] | None = None) -> Options:
@@ -65,9 +67,17 @@ def parse_options(name: str, question: str, seeds: int, arguments: Sequence[str]
     given = parser.parse_args(arguments)
     if given.seeds < 1 or given.workers < 1:
         parser.error("--seeds and --workers must be 1 or more")
-    if given.smoke and given.out == folder:
+    if given.smoke and given.out.resolve() == folder.resolve():
         parser.error("--smoke needs --out: it must not overwrite the full results")
-    return Options(given.out, 2 if given.smoke else given.seeds, given.workers, given.smoke, given.fresh)
+    flags = "--smoke --out DIR" if given.smoke else f"--seeds {given.seeds}"
+    return Options(
+        out=given.out,
+        seeds=2 if given.smoke else given.seeds,
+        workers=given.workers,
+        smoke=given.smoke,
+        fresh=given.fresh,
+        command=f"{parser.prog} {flags}",
+    )
 
 
 @dataclass(frozen=True)
@@ -92,7 +102,7 @@ class Cell:
 def compute(cells: Sequence[Cell], work: Callable[[Cell], Arrays], options: Options) -> dict[str, Arrays]:
     """The results of all cells by name; what the folder has already is read from there.
 
-    A run that was broken off goes on where it was.
+    A run that was broken off goes on where it was. At the end `cells.json` has the settings of them all.
 
     Args:
         cells: with different names.
@@ -117,7 +127,18 @@ def compute(cells: Sequence[Cell], work: Callable[[Cell], Arrays], options: Opti
         kept = _kept(raw, cell)
         assert kept is not None, cell.name
         results[cell.name] = kept
+    write_settings(options.out, cells)
     return results
+
+
+def write_settings(folder: Path, cells: Sequence[Cell]) -> None:
+    """Writes what every cell was made from: `cells.json`, a line each, with the digest of `raw`."""
+    lines = (f"{json.dumps(cell.name)}: {json.dumps(_record(cell), default=str)}" for cell in cells)
+    (folder / "cells.json").write_text("{\n" + ",\n".join(lines) + "\n}\n")
+
+
+def _record(cell: Cell) -> dict[str, Any]:
+    return {"digest": cell.digest, "settings": dict(cell.settings)}
 
 
 def _apart(work: Callable[[Cell], Arrays], cell: Cell) -> Arrays:
@@ -130,8 +151,7 @@ def _apart(work: Callable[[Cell], Arrays], cell: Cell) -> Arrays:
 def _keep(folder: Path, cell: Cell, arrays: Arrays) -> None:
     # The settings last: without them the arrays do not count.
     np.savez_compressed(folder / f"{cell.name}.npz", **arrays)  # type: ignore[arg-type]
-    settings = {"digest": cell.digest, "settings": dict(cell.settings)}
-    (folder / f"{cell.name}.json").write_text(json.dumps(settings, indent=1, default=str) + "\n")
+    (folder / f"{cell.name}.json").write_text(json.dumps(_record(cell), indent=1, default=str) + "\n")
 
 
 def _kept(folder: Path, cell: Cell) -> Arrays | None:
@@ -165,13 +185,20 @@ def spread_over_seeds(values: np.ndarray, digits: int = 3, scale: float = 1.0) -
 def write_results(options: Options, text: str, duration: float) -> None:
     """Writes the tables and what made them, and prints the tables.
 
+    No date: the same results are the same bytes.
+
     Args:
         options: where to.
         text: the tables, Markdown.
         duration: of a drive, seconds.
     """
     (options.out / "table.md").write_text(text, encoding="utf-8")
-    origin = {"seeds": options.seeds, "duration_s": duration, "versions": versions()}
+    origin = {
+        "command": options.command,
+        "seeds": options.seeds,
+        "duration_s": duration,
+        "versions": versions(),
+    }
     (options.out / "run.json").write_text(json.dumps(origin, indent=1) + "\n")
     print(text)
     print(f"written to {options.out}")

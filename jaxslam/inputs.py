@@ -48,6 +48,11 @@ class PreparedInputs:
     all_odometry: Float64[np.ndarray, "S 3"]
     odometry_bounds: Float64[np.ndarray, "2 2"]
 
+    def __repr__(self) -> str:
+        width, height = self.odometry_bounds[1] - self.odometry_bounds[0]
+        scans = f"{len(self.stamps)} of {len(self.all_stamps)} scans of {self.inputs.scan.num_beams} beams"
+        return f"PreparedInputs({scans}, odometry within {width:.1f} × {height:.1f} m)"
+
 
 def prepare_inputs(
     log: SensorLog, thinning: Thinning, range_limits: tuple[float, float] = (0.0, float("inf"))

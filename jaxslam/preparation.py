@@ -30,6 +30,13 @@ class Prepared:
     fused: Fused | None = None
     yaw: YawTrack | None = None
 
+    def __repr__(self) -> str:
+        grid = self.slam.grid
+        maps = f"maps of {grid.width} × {grid.height} cells of {float(grid.resolution):.3g} m"
+        parts = [f"{self.slam.num_particles} particles", maps, repr(self.inputs)]
+        parts += [f"fused with {self.fused.readings['imu']} IMU readings"] if self.fused is not None else []
+        return f"Prepared({', '.join(parts)})"
+
 
 def prepare(
     log: SensorLog, configuration: Configuration, range_network: RangeNetwork | None = None

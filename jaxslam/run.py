@@ -71,6 +71,17 @@ class RunResult:
     ms_per_scan: float
     warnings: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        height, width = self.log_odds.shape
+        parts = [
+            f"{len(self.stamps)} scans",
+            f"{len(self.particles)} particles",
+            f"map {width} × {height} cells of {float(self.grid.resolution):.3g} m",
+            f"{self.ms_per_scan:.3g} ms per scan",
+        ]
+        parts += [f"{len(self.warnings)} warnings"] if self.warnings else []
+        return f"RunResult({', '.join(parts)})"
+
     @property
     def ess(self) -> Float32[np.ndarray, "T"]:
         """Effective sample size before resampling."""
@@ -153,6 +164,14 @@ def run_log(
     return _result(slam, advanced, prepared)
 
 
+def poses_at_every_scan(
+    prepared: PreparedInputs, trajectory: Float64[np.ndarray, "T 3"]
+) -> Float64[np.ndarray, "S 3"]:
+    """Poses at every scan of the log: odometry carries on between those that were processed."""
+    processed = np.searchsorted(prepared.all_index, prepared.scan_index)
+    return poses_along(prepared.all_odometry, processed, trajectory)
+
+
 def _raise_for_flags(infos: list[StepInfo], prepared: PreparedInputs) -> None:
     off_map = np.flatnonzero(infos[-1].flags & Flag.OFF_MAP.value)
     if off_map.size:
@@ -186,12 +205,11 @@ def _read_back(infos: list[StepInfo], best: int) -> Float64[np.ndarray, "t 3"]:
 def _result(slam: RBPF, advanced: Advanced, prepared: PreparedInputs) -> RunResult:
     state, infos = advanced.state, advanced.infos
     snapshot = _snapshot(state, [infos])
-    processed = np.searchsorted(prepared.all_index, prepared.scan_index)
     return RunResult(
         stamps=prepared.stamps,
         trajectory=snapshot.trajectory,
         all_stamps=prepared.all_stamps,
-        all_poses=poses_along(prepared.all_odometry, processed, snapshot.trajectory),
+        all_poses=poses_at_every_scan(prepared, snapshot.trajectory),
         log_odds=snapshot.log_odds,
         grid=slam.grid,
         particles=snapshot.particles,

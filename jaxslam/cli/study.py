@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+from contextlib import suppress
 from pathlib import Path
 
 import jax
@@ -20,9 +21,11 @@ from jaxslam.study import (
     run_trials,
     storage_url,
     with_few_programs,
+    with_lidars,
     write_report,
 )
 from jaxslam.study.report import SHOWN, counts, importance_table, trial_table
+from jaxslam.study.storage import complaints, connect, shown
 
 
 def execute(command: Study, arguments: list[str]) -> None:
@@ -32,33 +35,44 @@ def execute(command: Study, arguments: list[str]) -> None:
         if command.trials < 1:
             raise ValueError(f"--trials is {command.trials}: give 1 or more")
         plan = dataclasses.replace(plan, trials=command.trials)
-    # The runs of a trial are spread over the cores; a worker of a cluster has its own.
-    if command.cluster is None:
-        jax.config.update("jax_num_cpu_devices", os.cpu_count() or 1)
     storage = command.storage or str(Path("runs") / f"{plan.name}.db")
     url = storage_url(storage)
     if "://" not in storage:
         _make_folder_of(Path(storage))
+    # Before the logs are read.
+    connect(url)
     folder = command.out or Path("runs") / f"{plan.name}-study"
     make_folder(folder)
     programs = (folder / "programs").resolve()
     keep_programs(programs)
-    plan = with_few_programs(plan)
-    before = len(open_study(plan, url).finished())
-    _describe(plan, storage, before)
     if command.cluster is None:
-        store = run_trials(plan, url, _say)
-    else:
-        # Dask is an extra of its own.
-        from jaxslam.study.cluster import run_on_cluster
+        _spread_runs(plan)
+    plan = with_few_programs(with_lidars(plan))
+    with complaints(url):
+        before = len(open_study(plan, url).finished())
+        _describe(plan, shown(url), before)
+        if command.cluster is None:
+            store = run_trials(plan, url, _say)
+        else:
+            # Dask is an extra of its own.
+            from jaxslam.study.cluster import run_on_cluster
 
-        store = run_on_cluster(plan, url, command.cluster, programs, _say)
-    summary = write_report(folder, store, plan.described())
+            store = run_on_cluster(plan, url, command.cluster, programs, _say)
+        summary = write_report(folder, store, plan.described())
     print(f"\n{counts(summary)}\n\n{trial_table(summary, SHOWN)}\n\n{importance_table(summary)}\n")
     table = _held_out(plan, summary.best.params)
     print(table)
     (folder / "held-out.md").write_text(table + "\n", encoding="utf-8")
     print(f"written   {folder} (report.md, held-out.md, best.toml, history.png, parallel.png, …)")
+
+
+def _spread_runs(plan: Plan) -> None:
+    """Over the cores: those of a trial, or of a batch; a worker of a cluster has its own."""
+    # More devices than runs would repeat some.
+    devices = min(os.cpu_count() or 1, plan.batch * len(plan.seeds))
+    # JAX has begun where this is called from Python: then it stays as it is.
+    with suppress(RuntimeError):
+        jax.config.update("jax_num_cpu_devices", devices)
 
 
 def _make_folder_of(storage: Path) -> None:

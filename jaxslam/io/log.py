@@ -31,6 +31,9 @@ class OdometryTrack:
     twists: Float64[np.ndarray, "M 3"]
     topic: str
 
+    def __repr__(self) -> str:
+        return f"OdometryTrack({_count(self, 'poses')})"
+
 
 @dataclass(frozen=True)
 class ImuTrack:
@@ -54,6 +57,9 @@ class ImuTrack:
     mounting_known: bool
     topic: str
 
+    def __repr__(self) -> str:
+        return f"ImuTrack({_count(self, 'readings')})"
+
 
 @dataclass(frozen=True)
 class JointTrack:
@@ -73,6 +79,9 @@ class JointTrack:
     velocities: Float64[np.ndarray, "M J"]
     topic: str
 
+    def __repr__(self) -> str:
+        return f"JointTrack({_count(self, 'readings')}, {', '.join(self.names)})"
+
 
 @dataclass(frozen=True)
 class FixTrack:
@@ -81,6 +90,9 @@ class FixTrack:
     stamps: Float64[np.ndarray, "M"]
     positions: Float64[np.ndarray, "M 3"]
     topic: str
+
+    def __repr__(self) -> str:
+        return f"FixTrack({_count(self, 'fixes')})"
 
 
 @dataclass(frozen=True)
@@ -117,6 +129,9 @@ class ScanTrack:
     topic: str
     time_increment: float | None = None
 
+    def __repr__(self) -> str:
+        return f"ScanTrack({_count(self, 'scans')}, {self.ranges.shape[-1]} beams)"
+
 
 @dataclass(frozen=True)
 class SensorLog:
@@ -137,3 +152,22 @@ class SensorLog:
     scans: ScanTrack | None = None
     warnings: tuple[str, ...] = ()
     topics: dict[str, int] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        tracks = {
+            "scans": self.scans,
+            "odometry poses": self.odometry,
+            "IMU readings": self.imu,
+            "joint readings": self.joints,
+            "fixes": self.fixes,
+        }
+        parts = [f"{len(track.stamps)} {unit}" for unit, track in tracks.items() if track is not None]
+        parts += [f"{len(self.warnings)} warnings"] if self.warnings else []
+        return f"SensorLog({self.path}: {', '.join(parts) or 'nothing'})"
+
+
+def _count(track: OdometryTrack | ImuTrack | JointTrack | FixTrack | ScanTrack, unit: str) -> str:
+    """How many there are, on which topic and how long, for those who look at a track."""
+    stamps = track.stamps
+    duration = f", {stamps[-1] - stamps[0]:.1f} s" if len(stamps) else ""
+    return f"{len(stamps)} {unit} on {track.topic}{duration}"

@@ -3,7 +3,15 @@
 from jaxslam.study.objectives import OBJECTIVES, Figures
 from jaxslam.study.plan import Plan, Source, read_plan
 from jaxslam.study.report import summarise, write_report
-from jaxslam.study.search import Told, evaluate, held_out_table, keep_programs, run_trials, with_few_programs
+from jaxslam.study.search import (
+    Told,
+    evaluate,
+    held_out_table,
+    keep_programs,
+    run_trials,
+    with_few_programs,
+    with_lidars,
+)
 from jaxslam.study.space import Parameter, Space
 from jaxslam.study.storage import Store, load_study, open_study, storage_url
 
@@ -26,5 +34,6 @@ __all__ = [
     "storage_url",
     "summarise",
     "with_few_programs",
+    "with_lidars",
     "write_report",
 ]

@@ -1,21 +1,25 @@
 """A study on a Dask cluster: workers pull trials from the same storage."""
 
 import logging
+import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from urllib.parse import urlparse
 
-from dask.distributed import Client, KilledWorker, LocalCluster, as_completed
+from dask.distributed import Client, KilledWorker, Worker, WorkerPlugin, as_completed
 
 from jaxslam.study.plan import Plan
 from jaxslam.study.search import Told, check_hope, keep_programs, run_batch
-from jaxslam.study.storage import Store, open_study
+from jaxslam.study.storage import Store, open_study, shown
 
 CONNECT = 10
 """Seconds to wait for a scheduler."""
-RETRIES = 5
-"""How often a task begins anew whose worker died."""
+RETRIES = 2
+"""How often a task begins anew that could not reach the storage, or the like."""
+
+MOST_WORKERS = 1024
+"""Processes of one machine: more are an address without its scheme."""
 
 _ONE_AT_A_TIME = threading.Lock()
 """A process computes on all of its devices: threads of one worker take turns."""
@@ -41,67 +45,82 @@ def run_on_cluster(
             trials all fail.
     """
     local = _local_workers(cluster)
-    host = urlparse(cluster).hostname
-    if local is None and url.startswith("sqlite") and host not in ("localhost", "127.0.0.1"):
+    if local is None and url.startswith("sqlite") and _host(cluster) not in ("localhost", "127.0.0.1", "::1"):
         raise ValueError(
-            f"{url} is a file of this machine, which the workers of {cluster} cannot share: give --storage a "
-            "database that they reach, such as postgresql://user@host/studies"
+            f"{shown(url)} is a file of this machine, which the workers of {cluster} cannot share: give "
+            "--storage a database that they reach, such as postgresql://user@host/studies"
         )
-    store = open_study(plan, url)
     with _client(cluster, local) as client:
-        done, begun = len(store.finished()), len(store.trials())
-        tasks = -(-max(plan.trials - done, 0) // plan.batch)
-        futures = [
-            client.submit(
-                _one_batch, plan, url, begun + index, str(programs), pure=False, retries=RETRIES, key=None
-            )
-            for index in range(tasks)
-        ]
-        try:
-            for future in as_completed(futures):
-                for told in _result(future):
-                    on_trial(store, told)
+        store = open_study(plan, url)
+        # A trial that was given up in the meantime is made up for.
+        while (left := plan.trials - len(store.finished())) > 0:
+            for told in _spread(client, plan, url, left, programs):
+                on_trial(store, told)
                 check_hope(store)
-        finally:
-            client.cancel(futures)
-            if local is not None:
-                client.cluster.close()
     return store
 
 
-def _one_batch(plan: Plan, url: str, stream: int, programs: str) -> list[Told]:
+def _spread(client: Client, plan: Plan, url: str, left: int, programs: Path) -> Iterator[Told]:
+    """So many trials, in batches, as they end."""
+    counts = [min(plan.batch, left - first) for first in range(0, left, plan.batch)]
+    futures = [
+        client.submit(_one_batch, plan, url, count, str(programs), pure=False, retries=RETRIES)
+        for count in counts
+    ]
+    try:
+        for future in as_completed(futures):
+            yield from _result(future)
+    finally:
+        client.cancel(futures)
+
+
+def _one_batch(plan: Plan, url: str, count: int, programs: str) -> list[Told]:
     with _ONE_AT_A_TIME:
         keep_programs(Path(programs))
-        store = open_study(plan, url, stream)
-        left = plan.trials - len(store.finished())
-        return run_batch(plan, store, min(plan.batch, left)) if left > 0 else []
+        store = open_study(plan, url)
+        # Another session may go on with the same study.
+        count = min(count, plan.trials - len(store.finished()))
+        return run_batch(plan, store, count) if count > 0 else []
 
 
 def _result(future) -> list[Told]:
     try:
         return future.result()
     except KilledWorker as error:
-        raise ValueError(f"{RETRIES} workers died of the same trial: {error}") from None
+        raise ValueError(f"workers die of it: {error}") from None
+
+
+class _DeafToInterrupts(WorkerPlugin):
+    """Ctrl-C reaches the workers of this machine as well: it is this process that stops them."""
+
+    def setup(self, worker: Worker) -> None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _host(cluster: str) -> str | None:
+    return urlparse(cluster if "://" in cluster else f"tcp://{cluster}").hostname
 
 
 def _local_workers(cluster: str) -> int | None:
-    if not cluster.startswith("local"):
+    kind, _, count = cluster.partition(":")
+    if kind != "local":
         return None
-    _, _, count = cluster.partition(":")
-    if not (count or "2").isdigit() or int(count or "2") < 1:
+    if not (count.isdecimal() and 1 <= int(count) <= MOST_WORKERS):
         raise ValueError(
-            f"--cluster is {cluster!r}: give local:N, with N processes, or a scheduler's address"
+            f"--cluster is {cluster!r}: give local:N, with N processes of 1 to {MOST_WORKERS}, or a "
+            "scheduler's address"
         )
-    return int(count or "2")
+    return int(count)
 
 
 def _client(cluster: str, local: int | None) -> Client:
     if local is not None:
         # Their logs are of those who keep clusters; what goes wrong with a trial is told by its task.
-        workers = LocalCluster(
+        client = Client(
             n_workers=local, threads_per_worker=1, dashboard_address=None, silence_logs=logging.ERROR
         )
-        return Client(workers)
+        client.register_plugin(_DeafToInterrupts())
+        return client
     try:
         return Client(cluster, timeout=CONNECT)
     except (OSError, TimeoutError, ValueError) as error:

@@ -1,5 +1,6 @@
 """Runs configurations on the sources of a study, those of one program together, and measures them."""
 
+import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -52,14 +53,19 @@ class Loaded:
     world: World | None = None
 
 
-@functools.lru_cache(maxsize=16)
 def load(source: Source) -> Loaded:
-    """Reads a log, or drives through a world.
+    """Reads a log, or drives through a world; once, whatever lidar it is said to have.
 
     Raises:
         ValueError: a file that cannot be used, one line.
         OSError: one that cannot be read.
     """
+    loaded = _loaded(dataclasses.replace(source, lidar=None))
+    return loaded if source.lidar is None else dataclasses.replace(loaded, lidar=source.lidar)
+
+
+@functools.lru_cache(maxsize=16)
+def _loaded(source: Source) -> Loaded:
     if source.world is not None:
         world, waypoints = make_world(source.world)
         # Another key than the filters', which know nothing of the simulator's noise.
@@ -68,12 +74,12 @@ def load(source: Source) -> Loaded:
         log = to_log(simulation, source.name, in_world_frame=True)
         assert log.scans is not None
         truth = np.asarray(simulation.scan_poses, np.float64)
-        return Loaded(log, source.lidar or "sick", (log.scans.stamps, truth), world=world)
+        return Loaded(log, "sick", (log.scans.stamps, truth), world=world)
     assert source.log is not None
     log = read_log(source.log)
     return Loaded(
         log,
-        source.lidar or detect_lidar(log).name,
+        detect_lidar(log).name,
         None if source.reference is None else read_tum(Path(source.reference)),
         None if source.relations is None else read_relations(source.relations),
     )
@@ -104,13 +110,16 @@ def measure(
         first = members[0][1]
         filters = [prepared.slam for _, prepared in members]
         try:
-            result = run_many(first.slam, keys, filters, first.inputs, maps=loaded.world is not None)
+            result = run_many(first.slam, keys, filters, first.inputs, maps="map" in plan.objectives)
         except (ValueError, jax.errors.JaxRuntimeError) as error:
             for index, _ in members:
                 found[index] = TrialError(str(error))
             continue
         for row, (index, prepared) in enumerate(members):
-            found[index] = _figures(loaded, prepared, result, row)
+            try:
+                found[index] = _figures(loaded, prepared, result, row)
+            except ValueError as error:
+                found[index] = TrialError(str(error))
     return [each if each is not None else TrialError("it was not run") for each in found]
 
 
@@ -159,7 +168,7 @@ def _errors(loaded: Loaded, prepared: Prepared, path: Float64[np.ndarray, "T 3"]
 def _map_losses(
     loaded: Loaded, grid: GridSpec, log_odds: Int8[np.ndarray, "C S H W"] | None, row: int
 ) -> Float64[np.ndarray, "S"]:
-    """One minus the IoU of the walls, by seed; empty for a log, of which no map is known."""
+    """One minus the IoU of the walls, by seed; empty if no map was kept, as none is for a log."""
     if loaded.world is None or log_odds is None:
         return np.zeros(0)
     assert loaded.reference is not None

@@ -3,7 +3,6 @@
 import dataclasses
 import difflib
 import json
-import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,6 +20,12 @@ from jaxslam.study.space import Space
 SAMPLERS = ("tpe", "cma-es", "nsga-ii", "random")
 HELD_OUT_SEEDS = 1000
 """The first of the seeds that are held out, unless the plan names some."""
+MOST_SEEDS = 10_000
+"""More runs of one configuration are a slip of the pen."""
+LONGEST = 86_400
+"""Seconds of a simulated drive; all of its scans are kept in memory."""
+_LARGEST_SEED = 2**32 - 1
+"""Of larger ones `jax.random.key` takes the last 32 bits alone."""
 
 
 @dataclass(frozen=True)
@@ -131,11 +136,13 @@ def _plan(tables: dict[str, Any], path: Path) -> Plan:
     study = _table(tables, "study")
     _known(study, tuple(_DEFAULTS), "[study] has no")
     given = {**_DEFAULTS, "name": path.stem, **study}
-    for key, default in _DEFAULTS.items():
-        if type(default) is int and not (type(given[key]) is int and given[key] >= (key != "seed")):
-            raise ValueError(
-                f"study.{key} is {given[key]!r}: give a whole number, {int(key != 'seed')} or more"
-            )
+    for key, least in (("seed", 0), ("trials", 1), ("batch", 1)):
+        if not (type(given[key]) is int and given[key] >= least):
+            raise ValueError(f"study.{key} is {given[key]!r}: give a whole number, {least} or more")
+    name = given["name"]
+    # It names files as well.
+    if not (isinstance(name, str) and name.isprintable() and name.strip(". ") and not set(name) & set("/\\")):
+        raise ValueError(f"study.name is {name!r}: give text that can be the name of a file")
     base = _base(study, _table(tables, "filter"), path.parent)
     seeds = _seeds(given["seeds"], 0, "study.seeds")
     held_out_seeds = _seeds(given["held_out_seeds"], HELD_OUT_SEEDS, "study.held_out_seeds")
@@ -153,7 +160,7 @@ def _plan(tables: dict[str, Any], path: Path) -> Plan:
         for objective in objectives:
             OBJECTIVES[objective].check(source)
     plan = Plan(
-        name=str(given["name"]),
+        name=name,
         base=base,
         sources=sources,
         held_out=held_out,
@@ -213,16 +220,23 @@ def _sources(tables: Any, name: str, folder: Path) -> tuple[Source, ...]:
             raise ValueError(f"{where}: give a log or a world")
         if "world" in table:
             _chosen([table["world"]], tuple(WORLDS), f"{where} world")
-            wrong = [key for key in ("relations", "reference") if key in table]
-            if wrong:
-                raise ValueError(f"{where}: {wrong[0]} is for a log; of a world the truth is known")
-        if table.get("lidar") is not None:
+        for key in ("relations", "reference") if "world" in table else ("duration", "seed"):
+            if key in table:
+                reason = "a log; of a world the truth is known" if "world" in table else "a world"
+                raise ValueError(f"{where}: {key} is for {reason}")
+        if "relations" in table and "reference" in table:
+            raise ValueError(f"{where}: give relations or a reference: the error is measured by one of them")
+        if not isinstance(table.get("name", ""), str):
+            raise ValueError(f"{where} name is {table['name']!r}: give text")
+        if "lidar" in table:
             _chosen([table["lidar"]], tuple(PRESETS), f"{where} lidar")
         duration = table.get("duration", 60.0)
-        if not (isinstance(duration, int | float) and math.isfinite(duration) and duration > 0):
-            raise ValueError(f"{where} duration is {duration!r}: give seconds, more than 0")
-        if not (type(table.get("seed", 0)) is int and table.get("seed", 0) >= 0):
-            raise ValueError(f"{where} seed is {table['seed']!r}: give a whole number, 0 or more")
+        if not (type(duration) in (int, float) and 0 < duration <= LONGEST):
+            raise ValueError(
+                f"{where} duration is {duration!r}: give seconds, more than 0, at most {LONGEST}"
+            )
+        if not _is_seed(table.get("seed", 0)):
+            raise ValueError(f"{where} seed is {table['seed']!r}: give 0 to {_LARGEST_SEED}")
         paths = {
             key: str(_existing(table[key], folder, f"{where} {key}"))
             for key in ("log", "relations", "reference")
@@ -255,10 +269,19 @@ def _existing(path: Any, folder: Path, name: str) -> Path:
 
 
 def _seeds(given: Any, first: int, name: str) -> tuple[int, ...]:
-    seeds = range(first, first + given) if type(given) is int else given
-    if not isinstance(seeds, Sequence) or not seeds or any(type(s) is not int or s < 0 for s in seeds):
-        raise ValueError(f"{name} is {given!r}: give how many, or a list of whole numbers")
-    return tuple(seeds)
+    if type(given) is int and 1 <= given <= MOST_SEEDS:
+        return tuple(range(first, first + given))
+    if not isinstance(given, list) or not given or not all(map(_is_seed, given)):
+        raise ValueError(
+            f"{name} is {given!r}: give how many, 1 to {MOST_SEEDS}, or a list of them, 0 to {_LARGEST_SEED}"
+        )
+    if len(set(given)) < len(given):
+        raise ValueError(f"{name} is {given!r}: the same seed is the same run")
+    return tuple(given)
+
+
+def _is_seed(value: Any) -> bool:
+    return type(value) is int and 0 <= value <= _LARGEST_SEED
 
 
 def _chosen(given: Any, known: Sequence[str], name: str) -> tuple[str, ...]:
@@ -280,7 +303,7 @@ def _table(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
     return table
 
 
-def _known(table: Mapping[str, Any], names: Sequence[str], complaint: str) -> None:
+def _known(table: Any, names: Sequence[str], complaint: str) -> None:
     if not isinstance(table, Mapping):
         raise ValueError(f"{table!r} stands where a table is wanted")
     for name in table:

@@ -7,13 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import optuna
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from optuna.trial import FrozenTrial
+from matplotlib.ticker import MaxNLocator
+from optuna.trial import FrozenTrial, TrialState
 
 from jaxslam import toml
 from jaxslam.configuration import Configuration
+from jaxslam.presets import lidar_preset
 from jaxslam.settings import Scalar
 from jaxslam.study.objectives import OBJECTIVES
 from jaxslam.study.plan import with_settings
@@ -22,6 +25,15 @@ from jaxslam.viz import style
 
 SHOWN = 10
 """Trials in the printed table."""
+FEWEST = 5
+"""With fewer trials nothing is said of what matters."""
+_MOST_TICKS = 5
+_ABSENT = -0.1
+"""Height in the parallel coordinates of a trial that has no such parameter."""
+_WIDE = 20.0
+"""Where one value is so many times the median, the scale is logarithmic."""
+_APART = 0.045
+"""Distance of two numbers at the Pareto front, as a share of the axes."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +72,7 @@ class Summary:
 def summarise(store: Store, objectives: Sequence[str]) -> Summary:
     """Looks through a study."""
     trials = store.trials()
-    complete = [trial for trial in trials if trial.state == optuna.trial.TrialState.COMPLETE]
+    complete = [trial for trial in trials if trial.state == TrialState.COMPLETE]
     failed = [(trial.number, reason) for trial in trials if (reason := failure(trial)) is not None]
     return Summary(
         objectives=tuple(objectives),
@@ -117,10 +129,15 @@ def write_report(folder: Path, store: Store, plan: dict[str, Any]) -> Summary:
     """
     summary = summarise(store, plan["objectives"])
     best = summary.best
+    # What an earlier report has said, and this one may not say again.
+    for path in (*folder.glob("front-*.toml"), folder / "importance.png"):
+        path.unlink(missing_ok=True)
     several = len(summary.objectives) > 1
     text = [f"# {store.study.study_name}", counts(summary), trial_table(summary), importance_table(summary)]
     if several:
-        text.insert(3, "Trials with a star are better than any other in some objective: the Pareto front.")
+        text.insert(
+            3, "Than a trial with a star none is better in all objectives: they are the Pareto front."
+        )
     (folder / "report.md").write_text("\n\n".join(text) + "\n", encoding="utf-8")
     rows = [
         {"number": trial.number, "values": trial.values, "settings": trial.params, "failure": failure(trial)}
@@ -131,14 +148,16 @@ def write_report(folder: Path, store: Store, plan: dict[str, Any]) -> Summary:
     if several:
         for trial in summary.front:
             write_configuration(folder / f"front-{trial.number}.toml", plan, trial.params)
-    draw(folder, store.study, summary)
+    draw(folder, summary)
     return summary
 
 
 def counts(summary: Summary) -> str:
     """How many trials there are, in a line, and why some of them failed."""
     failed, lost = len(summary.failed), summary.lost
-    text = f"{len(summary.complete)} trials with values, {failed} failed, {lost} lost or in flight."
+    complete = len(summary.complete)
+    trials = "trial" if complete == 1 else "trials"
+    text = f"{complete} {trials} with values, {failed} failed, {lost} lost or in flight."
     reasons: dict[str, list[int]] = {}
     for number, reason in summary.failed:
         reasons.setdefault(reason, []).append(number)
@@ -146,21 +165,27 @@ def counts(summary: Summary) -> str:
 
 
 def write_configuration(path: Path, plan: dict[str, Any], settings: dict[str, Scalar]) -> None:
-    """A trial's whole filter as TOML for `jaxslam run --config`; a lidar that is not tuned is left out."""
-    configuration = with_settings(with_settings(Configuration(), plan["base"]), settings)
+    """A trial's whole filter as TOML for `jaxslam run --config`.
+
+    A lidar that is not tuned is left out: the log chooses. One that is, is that of the first source.
+    """
+    start, lidar = Configuration(), plan["sources"][0]["lidar"]
+    start = start if lidar is None else start.with_lidar(lidar_preset(lidar))
+    configuration = with_settings(with_settings(start, plan["base"]), settings)
     tuned_lidar = any(name.startswith("lidar.") for name in {**plan["base"], **settings})
     path.write_text(toml.dumps(configuration, without=None if tuned_lidar else "lidar"), encoding="utf-8")
 
 
-def draw(folder: Path, study: optuna.Study, summary: Summary) -> None:
+def draw(folder: Path, summary: Summary) -> None:
     """History, parallel coordinates and importances; of two objectives the Pareto front."""
-    _save(folder / "history.png", summary, _draw_history, (7, 3.2 * len(summary.objectives)))
-    names = [name for name in summary.best.params if all(name in trial.params for trial in summary.complete)]
-    width = 1.6 * (len(names) + 1) + 2
-    _save(folder / "parallel.png", summary, lambda figure, s: draw_parallel(figure, s, names), (width, 4.5))
-    if any(summary.importances.values()):
-        _save(folder / "importance.png", summary, _draw_importances, (7, 3.2))
-    if len(summary.objectives) == 2:
+    several = len(summary.objectives)
+    _save(folder / "history.png", summary, _draw_history, (7, 2.9 * several + 0.4))
+    width = 1.6 * (len(_names(summary)) + several) + 2
+    _save(folder / "parallel.png", summary, draw_parallel, (width, 4.5))
+    bars = max(map(len, summary.importances.values()))
+    if bars:
+        _save(folder / "importance.png", summary, _draw_importances, (3.5 + 3.0 * several, 0.4 * bars + 1.3))
+    if several == 2:
         _save(folder / "pareto.png", summary, _draw_front, (6, 4.5))
 
 
@@ -174,38 +199,53 @@ def _save(
 
 
 def _draw_history(figure: Figure, summary: Summary) -> None:
-    axes = figure.subplots(len(summary.objectives), 1, squeeze=False)[:, 0]
+    axes = figure.subplots(len(summary.objectives), 1, squeeze=False, sharex=True)[:, 0]
     by_number = sorted(summary.complete, key=lambda trial: trial.number)
+    numbers = [trial.number for trial in by_number]
+    failed = [number for number, _ in summary.failed]
     for index, (ax, name) in enumerate(zip(axes, summary.objectives, strict=True)):
-        numbers = [trial.number for trial in by_number]
         reached = [trial.values[index] for trial in by_number]
         best = [min(reached[: end + 1]) for end in range(len(reached))]
         ax.plot(numbers, reached, "o", color=style.NEUTRAL, markersize=3.5, label="trial")
         ax.step(numbers, best, where="post", color=style.ESTIMATE, label="best so far")
-        style.curve_axes(ax, "trial", OBJECTIVES[name].label)
-        style.add_legend(ax)
+        if failed:
+            # They have no value: on the lower edge, whatever the scale is.
+            edge = ax.get_xaxis_transform()
+            ax.plot(
+                failed,
+                [0.0] * len(failed),
+                "x",
+                color=style.REFERENCE,
+                label="failed",
+                transform=edge,
+                clip_on=False,
+            )
+        if _is_wide(reached):
+            ax.set_yscale("log")
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10], min_n_ticks=1))
+        style.curve_axes(ax, "trial" if ax is axes[-1] else "", OBJECTIVES[name].label)
+    style.add_legend(axes[0])
 
 
-def draw_parallel(figure: Figure, summary: Summary, names: Sequence[str]) -> None:
-    """Every trial as a line over its settings and its first objective, each on a scale of its own."""
+def draw_parallel(figure: Figure, summary: Summary) -> None:
+    """Every trial as a line over its settings and its objectives, each on a scale of its own."""
     ax = figure.subplots()
-    label = OBJECTIVES[summary.objectives[0]].label
-    columns = [[trial.params[name] for trial in summary.complete] for name in names]
-    columns.append([trial.values[0] for trial in summary.complete])
-    places = [_places(column) for column in columns]
+    names = _names(summary)
+    columns = [_setting_column(summary, name) for name in names]
+    for index in range(len(summary.objectives)):
+        columns.append(_column([trial.values[index] for trial in summary.complete]))
     worst = len(summary.complete) - 1
     # The best are drawn last, on top of the others.
     for rank in range(worst, -1, -1):
         shade = 0.85 * rank / max(worst, 1)
-        line = [column[rank] for column in places]
+        line = [heights[rank] for heights, _ in columns]
         color = style.REFERENCE if rank == 0 else str(shade)
         ax.plot(range(len(columns)), line, color=color, linewidth=2.0 if rank == 0 else 0.9)
-    for place, column in enumerate(columns):
-        ticks = dict(zip(_places(column), column, strict=True))
-        shown = sorted(ticks) if len(ticks) <= 5 else [min(ticks), max(ticks)]
-        for height in shown:
+    for place, (_, ticks) in enumerate(columns):
+        ax.axvline(place, color="0.6", linewidth=0.6)
+        for height, text in ticks.items():
             ax.annotate(
-                _cell(ticks[height]),
+                text,
                 (place, height),
                 textcoords="offset points",
                 xytext=(4, 0),
@@ -213,52 +253,107 @@ def draw_parallel(figure: Figure, summary: Summary, names: Sequence[str]) -> Non
                 va="center",
                 bbox={"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
             )
-        ax.axvline(place, color="0.6", linewidth=0.6)
-    ax.set_xticks(
-        range(len(columns)), [*(name.replace(".", ".\n") for name in names), label], fontsize="small"
-    )
+    labels = [name.replace(".", ".\n") for name in names]
+    labels += [OBJECTIVES[name].label for name in summary.objectives]
+    ax.set_xticks(range(len(columns)), labels, fontsize="small")
     ax.set_yticks([])
-    ax.set_xlim(-0.1, len(columns) - 0.6)
+    ax.tick_params(length=0)
+    ax.set_xlim(-0.1, len(columns) - 0.5)
     ax.spines[:].set_visible(False)
-    ax.set_title("all trials, dark is better; the best one in colour", fontsize="small")
+    by = (
+        f" by {OBJECTIVES[summary.objectives[0]].label.partition(',')[0]}"
+        if len(summary.objectives) > 1
+        else ""
+    )
+    ax.set_title(f"all trials, dark is better{by}; the best one in colour", fontsize="small")
 
 
-def _places(column: Sequence[Scalar]) -> list[float]:
-    """Heights 0 to 1 of values on an axis; of choices, evenly."""
-    if any(isinstance(value, str | bool) for value in column):
-        known = sorted(set(map(str, column)))
-        return [known.index(str(value)) / max(len(known) - 1, 1) for value in column]
-    numbers = [float(value) for value in column]
-    low, high = min(numbers), max(numbers)
-    return [(value - low) / (high - low) if high > low else 0.5 for value in numbers]
+def _names(summary: Summary) -> list[str]:
+    """Of all parameters that any trial has, in the order of the space."""
+    return list(dict.fromkeys(name for trial in summary.complete for name in trial.params))
+
+
+def _setting_column(summary: Summary, name: str) -> tuple[list[float], dict[float, str]]:
+    having = [trial for trial in summary.complete if name in trial.params]
+    log = getattr(having[0].distributions[name], "log", False)
+    there, ticks = _column([trial.params[name] for trial in having], log)
+    heights = dict(zip((trial.number for trial in having), there, strict=True))
+    if len(having) < len(summary.complete):
+        # Below its axis, those whose parts have no such setting.
+        ticks[_ABSENT] = "none"
+    return [heights.get(trial.number, _ABSENT) for trial in summary.complete], ticks
+
+
+def _column(values: Sequence[Scalar], log: bool | None = None) -> tuple[list[float], dict[float, str]]:
+    """Heights 0 to 1 of values on an axis, of choices evenly; and what stands beside which height."""
+    if any(isinstance(value, str | bool) for value in values):
+        known = sorted(set(map(str, values)))
+        heights = [known.index(str(value)) / max(len(known) - 1, 1) for value in values]
+    else:
+        numbers = np.array(values, float)
+        numbers = np.log(numbers) if log or (log is None and _is_wide(values)) else numbers
+        span = numbers.max() - numbers.min()
+        heights = ((numbers - numbers.min()) / span if span > 0 else 0.5 + 0 * numbers).tolist()
+    ticks = dict(zip(heights, map(_cell, values), strict=True))
+    shown = ticks if len(ticks) <= _MOST_TICKS else {end: ticks[end] for end in (min(ticks), max(ticks))}
+    return heights, shown
+
+
+def _is_wide(values: Sequence[Any]) -> bool:
+    """Whether some are so much larger that the others would look equal."""
+    return min(values) > 0 and max(values) > _WIDE * float(np.median(values))
 
 
 def _draw_importances(figure: Figure, summary: Summary) -> None:
-    axes = figure.subplots(1, len(summary.objectives), squeeze=False)[0]
-    for ax, name in zip(axes, summary.objectives, strict=True):
-        shares = dict(reversed(summary.importances[name].items()))
-        ax.barh(list(shares), list(shares.values()), color=style.ESTIMATE)
-        style.curve_axes(ax, f"share of the variance of {OBJECTIVES[name].label}", "")
+    axes = figure.subplots(1, len(summary.objectives), squeeze=False, sharey=True)[0]
+    # In one order for all, that of the first objective.
+    names = list(dict.fromkeys(name for shares in summary.importances.values() for name in shares))[::-1]
+    for ax, objective in zip(axes, summary.objectives, strict=True):
+        shares = summary.importances[objective]
+        ax.barh(names, [shares.get(name, 0.0) for name in names], color=style.ESTIMATE, height=0.6)
+        ax.set_xlim(0.0, 1.0)
+        style.curve_axes(ax, OBJECTIVES[objective].label, "")
+    figure.suptitle("share of the variance", fontsize="medium")
 
 
 def _draw_front(figure: Figure, summary: Summary) -> None:
     ax = figure.subplots()
-    ax.plot(*_columns(summary.complete), "o", color=style.NEUTRAL, markersize=4, label="trial")
-    ax.plot(*_columns(summary.front), "o-", color=style.REFERENCE, label="Pareto front")
-    for trial in summary.front:
-        ax.annotate(
-            str(trial.number), trial.values, textcoords="offset points", xytext=(5, 4), fontsize="small"
-        )
+    ax.plot(*_objectives(summary.complete), "o", color=style.NEUTRAL, markersize=4, label="trial")
+    # Between two of them nothing is known to be reached but the worse of both in each objective.
+    front = _objectives(summary.front)
+    ax.step(*front, "o-", where="post", color=style.REFERENCE, linewidth=1.2, label="Pareto front")
+    if _is_wide(front[0]) or _is_wide(_objectives(summary.complete)[0]):
+        ax.set_xscale("log")
+    if _is_wide(front[1]) or _is_wide(_objectives(summary.complete)[1]):
+        ax.set_yscale("log")
     style.curve_axes(ax, *(OBJECTIVES[name].label for name in summary.objectives))
     style.add_legend(ax)
+    ax.autoscale_view()
+    labelled: list[Any] = []
+    for trial in summary.front:
+        at = ax.transAxes.inverted().transform(ax.transData.transform(trial.values))
+        # Where they lie close together their numbers would cover each other.
+        if all(np.abs(at - other).max() > _APART for other in labelled):
+            labelled.append(at)
+            ax.annotate(
+                str(trial.number),
+                trial.values,
+                textcoords="offset points",
+                xytext=(-4, -5),
+                ha="right",
+                va="top",
+                fontsize="small",
+            )
 
 
-def _columns(trials: Sequence[FrozenTrial]) -> tuple[list[float], list[float]]:
+def _objectives(trials: Sequence[FrozenTrial]) -> tuple[list[float], list[float]]:
     return [trial.values[0] for trial in trials], [trial.values[1] for trial in trials]
 
 
 def _importances(study: optuna.Study, index: int) -> dict[str, float]:
     """By fANOVA; empty where it cannot be told."""
+    if len(study.get_trials(deepcopy=False, states=[TrialState.COMPLETE])) < FEWEST:
+        return {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
         try:
@@ -268,7 +363,7 @@ def _importances(study: optuna.Study, index: int) -> dict[str, float]:
                 target=lambda trial: trial.values[index],
             )
         except (ValueError, RuntimeError):
-            # Fewer than two trials, all of one value, or no parameter that all of them have.
+            # All are of one value, or have no parameter in common.
             return {}
 
 

@@ -44,6 +44,12 @@ def keep_programs(folder: Path) -> None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 
 
+def with_lidars(plan: Plan) -> Plan:
+    """The plan with the lidar of every source, as its scans tell it: it is a part of what is tried."""
+    sources = (dataclasses.replace(source, lidar=load(source).lidar) for source in plan.sources)
+    return dataclasses.replace(plan, sources=tuple(sources))
+
+
 def with_few_programs(plan: Plan) -> Plan:
     """The plan with a step for every number on which the program depends, so that few are compiled."""
     base = plan.configuration({}, plan.sources[0].lidar)
@@ -64,7 +70,7 @@ def run_trials(plan: Plan, url: str, on_trial: Callable[[Store, Told], None]) ->
     """
     for source in plan.sources:
         load(source)
-    store = open_study(plan, url, _stream(plan, url))
+    store = open_study(plan, url)
     while (count := len(store.finished())) < plan.trials:
         for told in run_batch(plan, store, min(plan.batch, plan.trials - count)):
             on_trial(store, told)
@@ -73,21 +79,23 @@ def run_trials(plan: Plan, url: str, on_trial: Callable[[Store, Told], None]) ->
 
 
 def run_batch(plan: Plan, store: Store, count: int) -> list[Told]:
-    """Asks for so many trials, runs those of one program together, and tells each when all are done."""
+    """Asks for so many trials, runs those of one program together, and tells each when all are done.
+
+    If that is interrupted, they are lost.
+    """
     store.give_up_lost()
     started = time.perf_counter()
     trials = store.ask(count)
-    with store.alive(trials):
-        base = plan.configuration({})
-        settings = [plan.space.suggest(trial, base) for trial in trials]
-        try:
+    try:
+        with store.alive(trials):
+            base = plan.configuration({})
+            settings = [plan.space.suggest(trial, base) for trial in trials]
             outcomes = evaluate(plan, plan.sources, plan.seeds, settings)
-        except KeyboardInterrupt:
-            for trial in trials:
-                store.tell(trial, "interrupted")
-            raise
-        for trial, outcome in zip(trials, outcomes, strict=True):
-            store.tell(trial, outcome)
+            for trial, outcome in zip(trials, outcomes, strict=True):
+                store.tell(trial, outcome)
+    except BaseException:
+        store.give_up(trials)
+        raise
     seconds = time.perf_counter() - started
     return [
         Told(trial.number, tried, outcome if isinstance(outcome, str) else tuple(outcome), seconds)
@@ -130,11 +138,6 @@ def check_hope(store: Store) -> None:
         raise ValueError(
             f"the first {len(done)} trials all failed, the last one because: {failure(done[-1])}"
         )
-
-
-def _stream(plan: Plan, url: str) -> int:
-    """Where the sampler's random numbers go on: the same draws would be the same trials again."""
-    return len(open_study(plan, url).trials())
 
 
 def held_out_table(

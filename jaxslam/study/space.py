@@ -4,6 +4,7 @@ import dataclasses
 import difflib
 import itertools
 import math
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -161,6 +162,11 @@ def _parameter(name: str, table: Any, known: Mapping[str, Scalar]) -> Parameter:
         choices = table["choices"]
         if len(table) > 1 or not isinstance(choices, list) or not choices:
             raise ValueError(f"{where}: give a list of choices, and nothing beside it")
+        for choice in choices:
+            if not isinstance(choice, bool | int | float | str):
+                raise ValueError(f"{where}: {choice!r} is no choice: give numbers, text, true or false")
+            if choices.count(choice) > 1:
+                raise ValueError(f"{where}: {choice!r} is given twice among the choices")
         return Parameter(name, choices=tuple(choices))
     unknown = [key for key in table if key not in ("low", "high", "step", "log")]
     if unknown:
@@ -171,7 +177,8 @@ def _parameter(name: str, table: Any, known: Mapping[str, Scalar]) -> Parameter:
         raise ValueError(f"{where}: give low and high")
     for key in ("low", "high", "step"):
         number = table.get(key, 0)
-        if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number):
+        # A whole number may be too large for a float.
+        if type(number) not in (int, float) or not abs(number) <= sys.float_info.max:
             raise ValueError(f"{where}: {key} is {number!r}: give a finite number")
         if isinstance(value, int) and not isinstance(number, int):
             raise ValueError(f"{where}: {key} is {number!r}: give a whole number")

@@ -2,8 +2,8 @@
 
 import threading
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import optuna
 import sqlalchemy.exc
+from optuna.distributions import BaseDistribution
+from optuna.exceptions import StorageInternalError, UpdateFinishedTrialError
 from optuna.samplers import BaseSampler, CmaEsSampler, NSGAIISampler, RandomSampler, TPESampler
 from optuna.storages import RDBStorage
 from optuna.trial import FrozenTrial, TrialState
@@ -19,13 +21,28 @@ from jaxslam.study.plan import Plan
 
 HEARTBEAT, GRACE = 10, 30
 """Seconds between two signs of life of a trial, and after which one without counts as lost."""
+_ATTEMPTS = 20
 _PLAN = "plan"
 _FAILURE = "failure"
+_ELSEWHERE = "give this one another name ([study] name), or another storage"
 
 
 def storage_url(storage: str) -> str:
     """A URL as it is; of a path, that of the SQLite file there."""
-    return storage if "://" in storage else f"sqlite:///{Path(storage).resolve()}"
+    if "://" in storage:
+        return storage
+    return sqlalchemy.URL.create("sqlite", database=str(Path(storage).resolve())).render_as_string()
+
+
+def shown(url: str) -> str:
+    """A URL for messages: without the password in it, and a SQLite file as its path."""
+    try:
+        parts = sqlalchemy.make_url(url)
+    except sqlalchemy.exc.ArgumentError:
+        return url
+    if parts.drivername == "sqlite" and parts.database and not parts.query:
+        return parts.database
+    return parts.render_as_string(hide_password=True)
 
 
 @dataclass(frozen=True)
@@ -63,11 +80,18 @@ class Store:
 
     def tell(self, trial: optuna.Trial, outcome: Sequence[float] | str) -> None:
         """Records the values of a trial, or why there are none."""
-        if isinstance(outcome, str):
-            trial.set_user_attr(_FAILURE, outcome)
-            self.study.tell(trial, state=TrialState.FAIL)
-        else:
-            self.study.tell(trial, list(outcome))
+        # Who slept for longer than the grace, as computers do, has been given up by another process.
+        with suppress(UpdateFinishedTrialError):
+            if isinstance(outcome, str):
+                trial.set_user_attr(_FAILURE, outcome)
+                self.study.tell(trial, state=TrialState.FAIL, skip_if_finished=True)
+            else:
+                self.study.tell(trial, list(outcome), skip_if_finished=True)
+
+    def give_up(self, trials: Sequence[optuna.Trial]) -> None:
+        """Marks trials as lost, of which nobody knows what they are worth."""
+        for trial in trials:
+            self.study.tell(trial, state=TrialState.FAIL, skip_if_finished=True)
 
     @contextmanager
     def alive(self, trials: Sequence[optuna.Trial]) -> Iterator[None]:
@@ -79,13 +103,18 @@ class Store:
         done = threading.Event()
 
         def beat() -> None:
-            while True:
-                for trial_id in ids:
-                    self.storage.record_heartbeat(trial_id)
-                if done.wait(HEARTBEAT):
-                    return
+            for trial_id in ids:
+                self.storage.record_heartbeat(trial_id)
 
-        thread = threading.Thread(target=beat, daemon=True)
+        def beat_on() -> None:
+            while not done.wait(HEARTBEAT):
+                # A storage that cannot be reached now may be at the next beat.
+                with suppress(sqlalchemy.exc.SQLAlchemyError, StorageInternalError):
+                    beat()
+
+        # Optuna waits for ever for a trial that never gave one.
+        beat()
+        thread = threading.Thread(target=beat_on, daemon=True)
         thread.start()
         try:
             yield
@@ -107,49 +136,58 @@ def connect(url: str) -> RDBStorage:
     """
     # Workers wait for each other's writes.
     arguments = {"timeout": 60} if url.startswith("sqlite") else {}
+    with complaints(url), _known_warnings():
+        for _ in range(_ATTEMPTS):
+            try:
+                return RDBStorage(
+                    url,
+                    engine_kwargs={"connect_args": arguments},
+                    heartbeat_interval=HEARTBEAT,
+                    grace_period=GRACE,
+                )
+            except sqlalchemy.exc.DBAPIError as error:
+                # Another process has made the same table between our look and our making it.
+                made = isinstance(error, sqlalchemy.exc.IntegrityError) or "already exists" in str(error.orig)
+                if not made:
+                    raise
+        raise RuntimeError("its tables are there and are not")
+
+
+@contextmanager
+def complaints(url: str) -> Iterator[None]:
+    """What a storage complains of, as a `ValueError` of one line."""
     try:
-        with _known_warnings():
-            return RDBStorage(
-                url,
-                engine_kwargs={"connect_args": arguments},
-                heartbeat_interval=HEARTBEAT,
-                grace_period=GRACE,
-            )
-    except (sqlalchemy.exc.SQLAlchemyError, ImportError, RuntimeError) as error:
-        raise ValueError(f"{url}: this storage cannot be used: {_reason(error)}") from None
+        yield
+    except (sqlalchemy.exc.SQLAlchemyError, StorageInternalError, ImportError, RuntimeError) as error:
+        raise ValueError(f"{shown(url)}: this storage cannot be used: {_reason(error)}") from None
 
 
-def open_study(plan: Plan, url: str, stream: int = 0) -> Store:
+def open_study(plan: Plan, url: str) -> Store:
     """The study of that plan in a storage, made if it is not there.
-
-    Args:
-        plan: of the study.
-        url: of the storage.
-        stream: of the sampler's random numbers: those who share a study must not draw the same.
 
     Raises:
         ValueError: the storage has a study of that name by another plan, or cannot be written.
     """
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     storage = connect(url)
-    try:
+    with complaints(url):
         study = optuna.create_study(
             storage=storage,
-            sampler=_sampler(plan, stream),
+            sampler=_ByNumber(lambda number: _sampler(plan, number)),
             study_name=plan.name,
             directions=["minimize"] * len(plan.objectives),
             load_if_exists=True,
         )
         before = study.user_attrs.get(_PLAN)
-        if before is None:
-            study.set_user_attr(_PLAN, plan.described())
-    except (sqlalchemy.exc.SQLAlchemyError, optuna.exceptions.StorageInternalError) as error:
-        raise ValueError(f"{url}: this storage cannot be written: {_reason(error)}") from None
-    if before is not None and before != plan.described():
-        raise ValueError(
-            f"{url} has a study {plan.name!r} whose logs, seeds, filter, space or objectives are others: "
-            "give this one another name ([study] name), or another storage"
-        )
+        if before is None and study.get_trials(deepcopy=False):
+            raise ValueError(f"{shown(url)}: its study {plan.name!r} is not one of jaxslam's: {_ELSEWHERE}")
+        if before is not None and before != plan.described():
+            raise ValueError(
+                f"{shown(url)} has a study {plan.name!r} whose logs, seeds, filter, space or objectives are "
+                f"others: {_ELSEWHERE}"
+            )
+        # Also where it is there: a storage that cannot be written is better known now.
+        study.set_user_attr(_PLAN, plan.described())
     return Store(study, storage)
 
 
@@ -159,21 +197,28 @@ def load_study(url: str, name: str | None) -> tuple[Store, dict[str, Any]]:
     Raises:
         ValueError: there is none, or not the one that was named, or several of which none was.
     """
-    if url.startswith("sqlite:///") and not Path(url.removeprefix("sqlite:///")).exists():
-        raise ValueError(f"{url.removeprefix('sqlite:///')} is not there: give the storage of a study")
+    with complaints(url):
+        parts = sqlalchemy.make_url(url)
+        is_file = parts.get_backend_name() == "sqlite" and parts.database and not parts.query
+        if is_file and not Path(parts.database or "").exists():
+            raise ValueError(f"{parts.database} is not there: give the storage of a study")
+        # Optuna would make its tables in any database: who only looks changes none.
+        engine = sqlalchemy.create_engine(parts)
+        has_tables = sqlalchemy.inspect(engine).has_table("studies")
+        engine.dispose()
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    storage = connect(url)
-    names = optuna.get_all_study_names(storage)
-    if not names:
-        raise ValueError(f"{url}: no study in it")
+    storage = connect(url) if has_tables else None
+    names = [] if storage is None else optuna.get_all_study_names(storage)
+    if storage is None or not names:
+        raise ValueError(f"{shown(url)}: no study in it")
     if name is None and len(names) > 1:
-        raise ValueError(f"{url} has several studies: give --name, one of {', '.join(names)}")
+        raise ValueError(f"{shown(url)} has several studies: give --name, one of {', '.join(names)}")
     if name is not None and name not in names:
-        raise ValueError(f"{url} has no study {name!r}: there are {', '.join(names)}")
+        raise ValueError(f"{shown(url)} has no study {name!r}: there are {', '.join(names)}")
     study = optuna.load_study(study_name=name or names[0], storage=storage)
     plan = study.user_attrs.get(_PLAN)
     if plan is None:
-        raise ValueError(f"{url}: the study {study.study_name!r} is not one of jaxslam's")
+        raise ValueError(f"{shown(url)}: the study {study.study_name!r} is not one of jaxslam's")
     return Store(study, storage), plan
 
 
@@ -187,11 +232,56 @@ def _known_warnings() -> Iterator[None]:
 
 
 def _reason(error: BaseException) -> str:
-    return str(error.__cause__ or error).strip().splitlines()[0]
+    cause = error.__cause__ or error
+    return (str(cause).strip() or type(cause).__name__).splitlines()[0]
 
 
-def _sampler(plan: Plan, stream: int) -> BaseSampler:
-    seed = int(np.random.SeedSequence((plan.sampler_seed, stream)).generate_state(1)[0])
+class _ByNumber(BaseSampler):
+    """A sampler whose draws hang on the trial's number only.
+
+    Those who go on with a study, or share it, would otherwise draw the same numbers again: the same trials.
+    """
+
+    def __init__(self, make: Callable[[int], BaseSampler]):
+        self._make = make
+        self._made: dict[int, BaseSampler] = {}
+
+    def _of(self, trial: FrozenTrial) -> BaseSampler:
+        if trial.number not in self._made:
+            self._made[trial.number] = self._make(trial.number)
+        return self._made[trial.number]
+
+    def before_trial(self, study: optuna.Study, trial: FrozenTrial) -> None:
+        self._of(trial).before_trial(study, trial)
+
+    def infer_relative_search_space(
+        self, study: optuna.Study, trial: FrozenTrial
+    ) -> dict[str, BaseDistribution]:
+        return self._of(trial).infer_relative_search_space(study, trial)
+
+    def sample_relative(
+        self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
+    ) -> dict[str, Any]:
+        return self._of(trial).sample_relative(study, trial, search_space)
+
+    def sample_independent(
+        self,
+        study: optuna.Study,
+        trial: FrozenTrial,
+        param_name: str,
+        param_distribution: BaseDistribution,
+    ) -> Any:
+        return self._of(trial).sample_independent(study, trial, param_name, param_distribution)
+
+    def after_trial(
+        self, study: optuna.Study, trial: FrozenTrial, state: TrialState, values: Sequence[float] | None
+    ) -> None:
+        self._of(trial).after_trial(study, trial, state, values)
+        del self._made[trial.number]
+
+
+def _sampler(plan: Plan, number: int) -> BaseSampler:
+    seed = int(np.random.SeedSequence((plan.sampler_seed, number)).generate_state(1)[0])
     if plan.sampler == "cma-es":
         # It cannot choose: choices, and what only some of them have, are drawn.
         return CmaEsSampler(seed=seed, warn_independent_sampling=False)

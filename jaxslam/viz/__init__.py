@@ -1,7 +1,7 @@
 """Pictures: maps, paths, particles, error curves, animations; needs matplotlib and pillow."""
 
-from jaxslam.viz.animation import MapFrame, animate_map
-from jaxslam.viz.curves import plot_errors, plot_ess
+from jaxslam.viz.animation import InlineAnimation, MapFrame, animate_inline, animate_map
+from jaxslam.viz.curves import plot_errors, plot_ess, plot_live_particles
 from jaxslam.viz.maps import (
     MapImage,
     plot_covariance,
@@ -9,23 +9,30 @@ from jaxslam.viz.maps import (
     plot_particles,
     plot_scan,
     plot_trajectory,
+    plot_walls,
 )
 from jaxslam.viz.picture import MapLayer, save_map_picture
 from jaxslam.viz.raster import map_levels, shrink
+from jaxslam.viz.results import plot_run
 
 __all__ = [
+    "InlineAnimation",
     "MapFrame",
     "MapImage",
     "MapLayer",
+    "animate_inline",
     "animate_map",
     "map_levels",
     "plot_covariance",
     "plot_errors",
     "plot_ess",
+    "plot_live_particles",
     "plot_map",
     "plot_particles",
+    "plot_run",
     "plot_scan",
     "plot_trajectory",
+    "plot_walls",
     "save_map_picture",
     "shrink",
 ]

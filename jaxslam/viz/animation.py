@@ -1,9 +1,11 @@
-"""An animated GIF of the map as it is built.
+"""An animated GIF of the map as it is built, in a file or in a notebook.
 
 Frames are drawn as palette images by pillow, not by matplotlib: a few milliseconds each instead of
 tenths of a second, and flat colours that GIF packs well.
 """
 
+import base64
+import io
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -41,6 +43,26 @@ class MapFrame:
     caption: str = ""
 
 
+@dataclass(frozen=True)
+class InlineAnimation:
+    """An animation that a notebook plays where it is the last value of a cell.
+
+    Attributes:
+        gif: the file's bytes.
+        num_frames: frames that it was made of.
+    """
+
+    gif: bytes
+    num_frames: int
+
+    def __repr__(self) -> str:
+        return f"InlineAnimation({self.num_frames} frames, {len(self.gif) / 1e3:.0f} kB)"
+
+    def _repr_html_(self) -> str:
+        source = base64.b64encode(self.gif).decode("ascii")
+        return f'<img src="data:image/gif;base64,{source}" alt="animation of {self.num_frames} frames">'
+
+
 def animate_map(
     path: str | Path,
     frames: Iterable[MapFrame],
@@ -68,6 +90,38 @@ def animate_map(
     """
     if Path(path).suffix.lower() != ".gif":
         raise ValueError(f"{path} does not end in .gif: animations are written as GIF")
+    _write(Path(path), frames, resolution, origin, max_side, frame_s, hold_s)
+
+
+def animate_inline(
+    frames: Iterable[MapFrame],
+    resolution: float | Float[np.ndarray | Array, ""],
+    origin: Float[np.ndarray | Array, "2"],
+    *,
+    max_side: int = 560,
+    frame_s: float = 0.08,
+    hold_s: float = 2.0,
+) -> InlineAnimation:
+    """The animation of `animate_map`, for a notebook and without a file. Arguments as there.
+
+    Raises:
+        ValueError: if there are no frames, their maps differ in size, or a value cannot be drawn.
+    """
+    stream = io.BytesIO()
+    num_frames = _write(stream, frames, resolution, origin, max_side, frame_s, hold_s)
+    return InlineAnimation(stream.getvalue(), num_frames)
+
+
+def _write(
+    target: Path | io.BytesIO,
+    frames: Iterable[MapFrame],
+    resolution: float | Float[np.ndarray | Array, ""],
+    origin: Float[np.ndarray | Array, "2"],
+    max_side: int,
+    frame_s: float,
+    hold_s: float,
+) -> int:
+    """Writes the GIF; returns how many frames there were."""
     side = checked_resolution(resolution)
     kept = list(_keep(frames))
     if not kept:
@@ -77,7 +131,8 @@ def animate_map(
     durations = [round(1000 * frame_s)] * (len(kept) - 1) + [round(1000 * hold_s)]
     images = (canvas.draw(frame) for frame in kept)
     first = next(images)
-    first.save(path, save_all=True, append_images=images, duration=durations, loop=0)
+    first.save(target, format="GIF", save_all=True, append_images=images, duration=durations, loop=0)
+    return len(kept)
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
-"""Curves over time: errors and the effective sample size."""
+"""Curves over time: errors, the effective sample size, live particles."""
 
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 from matplotlib.axes import Axes
 
 from jaxslam.viz import style
@@ -109,10 +109,52 @@ def plot_ess(
             color=style.REFERENCE,
             markersize=9,
             label=f"resampled ({marked.sum()})",
-            clip_on=False,
+            # Marks that are not clipped and not there count as at the picture's corner, and move the axes.
+            clip_on=not marked.any(),
         )
     ax.set_ylim(0, 1.04 * num_particles)
     style.curve_axes(ax, "step", f"effective sample size (of {num_particles})")
+    style.add_legend(ax)
+    return ax
+
+
+def plot_live_particles(
+    stamps: Float[np.ndarray | Array, "_"],
+    num_live: Int[np.ndarray | Array, "_"],
+    agreed: Bool[np.ndarray | Array, "_"] | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draws how many particles a localisation keeps over time, grey where they do not agree.
+
+    Args:
+        stamps: `[T]` seconds.
+        num_live: `[T]` particles that were weighed, at least 1.
+        agreed: `[T]` where they agree on a pose; None to leave that out.
+        ax: axes to draw on; None for pyplot's current ones.
+
+    Raises:
+        ValueError: if lengths differ.
+    """
+    ax = style.axes_or_current(ax)
+    times, counts = np.asarray(stamps, float), np.asarray(num_live)
+    if times.shape != counts.shape:
+        raise ValueError(f"{len(counts)} counts for {len(times)} stamps: give one each")
+    ax.semilogy(times, counts, color=style.ESTIMATE, linewidth=1.3, label="live particles")
+    if agreed is not None:
+        apart = ~np.asarray(agreed, bool)
+        if apart.shape != times.shape:
+            raise ValueError(f"{len(apart)} agreements for {len(times)} stamps: give one each")
+        ax.fill_between(
+            times,
+            0,
+            1,
+            where=apart.tolist(),
+            transform=ax.get_xaxis_transform(),
+            color="0.9",
+            linewidth=0,
+            label="they do not agree",
+        )
+    style.curve_axes(ax, "time (s)", "live particles")
     style.add_legend(ax)
     return ax
 

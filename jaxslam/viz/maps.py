@@ -129,6 +129,35 @@ def plot_trajectory(
     return ax
 
 
+def plot_walls(
+    segments: Float[np.ndarray | Array, "_ 4"],
+    ax: Axes | None = None,
+    *,
+    label: str = "true walls",
+    color: str = style.NEUTRAL,
+) -> Axes:
+    """Draws the walls of a known world, as thin lines to lie over a map.
+
+    Args:
+        segments: `[S, 4]` end points x1, y1, x2, y2 in metres, as a simulated world has them.
+        ax: axes to draw on; None for pyplot's current ones.
+        label: name in a legend.
+        color: of the lines.
+
+    Raises:
+        ValueError: if a segment is not finite.
+    """
+    ax = style.axes_or_current(ax)
+    ends = np.asarray(segments, float)
+    if not np.isfinite(ends).all():
+        raise ValueError(f"segment {int(np.argmin(np.isfinite(ends).all(axis=1)))} is not finite")
+    lines = LineCollection(list(ends.reshape(-1, 2, 2)), colors=color, linewidths=0.7, label=label)
+    ax.add_collection(lines)
+    ax.autoscale_view()
+    style.metre_axes(ax)
+    return ax
+
+
 def plot_particles(
     poses: Poses,
     weights: Float[np.ndarray | Array, "_"] | None = None,

@@ -1,45 +1,55 @@
-"""A filter in the middle of a run, as the benchmarks of its stages need it."""
+"""Filters as the benchmarks need them: in the middle of a run, over a whole drive, before the first step."""
 
 import dataclasses
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxslam.configuration import Configuration, build, correct_scans
-from jaxslam.inputs import PreparedInputs, prepare_inputs
+from jaxslam.configuration import Configuration, build
+from jaxslam.io.log import SensorLog
+from jaxslam.motion import GaussianMotion
+from jaxslam.preparation import Prepared, prepare
 from jaxslam.run import run
 from jaxslam.sim import make_world, sick, simulate, to_log
 from jaxslam.slam import RBPF, RBPFState
-from jaxslam.types import StepInputs
+from jaxslam.types import LidarScan, OdometryIncrement, StepInputs
+from tests.benchmarks.programs import Program
 
+NUM_BEAMS = 180
+"""As real SICK logs of one degree often have it, not 181."""
 NUM_DISTINCT = 8
 """Particles that really ran; larger sets repeat them. What a stage costs does not depend on it."""
 DURATION = 30.0
 """Seconds driven before the clock starts: the window around the robot is well filled by then."""
+MARGIN = 4.0
+"""Of the maps: paths in one hall. That of the defaults would only fill the memory."""
 
 
 @functools.cache
-def _prepared(configuration: Configuration) -> PreparedInputs:
+def _log() -> SensorLog:
     world, waypoints = make_world("hall_small")
-    # As real SICK logs of one degree often have it: 180 beams, not 181.
-    lidar = dataclasses.replace(sick(), num_beams=180)
+    lidar = dataclasses.replace(sick(), num_beams=NUM_BEAMS)
     simulation = simulate(jax.random.key(1), world, waypoints, lidar=lidar, duration=DURATION)
-    log = to_log(simulation, "benchmark")
-    return prepare_inputs(correct_scans(log, configuration.lidar)[0], configuration.thinning)
+    return to_log(simulation, "benchmark")
+
+
+def _configuration(num_particles: int, method: str = "gmapping") -> Configuration:
+    chosen = Configuration(num_particles=num_particles).with_method(method)
+    return dataclasses.replace(chosen, map=dataclasses.replace(chosen.map, margin=MARGIN))
 
 
 @functools.cache
-def _after_a_while(configuration: Configuration) -> tuple[RBPF, RBPFState, StepInputs]:
-    prepared = _prepared(configuration)
-    slam = build(configuration, prepared.odometry_bounds)
-    pose0 = jnp.asarray(prepared.pose0, jnp.float32)
+def _after_a_while() -> tuple[RBPF, RBPFState, StepInputs]:
+    prepared = prepare(_log(), _configuration(NUM_DISTINCT))
+    pose0 = jnp.asarray(prepared.inputs.pose0, jnp.float32)
     before, now = (
-        jax.tree.map(lambda leaf, part=part: leaf[part], prepared.inputs) for part in (slice(-1), -1)
+        jax.tree.map(lambda leaf, part=part: leaf[part], prepared.inputs.inputs) for part in (slice(-1), -1)
     )
-    state, _ = jax.jit(run)(slam, jax.random.key(0), pose0, before)
-    return slam, state, now
+    state, _ = jax.jit(run)(prepared.slam, jax.random.key(0), pose0, before)
+    return prepared.slam, state, now
 
 
 def running_filter(num_particles: int) -> tuple[RBPF, RBPFState, StepInputs]:
@@ -47,10 +57,7 @@ def running_filter(num_particles: int) -> tuple[RBPF, RBPFState, StepInputs]:
 
     The log-weights are such that about half of the particles count, which is when resampling sets in.
     """
-    # Maps of a path in one hall: the margin of the defaults would only fill the memory.
-    configuration = dataclasses.replace(Configuration(), num_particles=NUM_DISTINCT)
-    configuration = dataclasses.replace(configuration, map=dataclasses.replace(configuration.map, margin=4.0))
-    slam, few, inputs = _after_a_while(configuration)
+    slam, few, inputs = _after_a_while()
     chosen = np.arange(num_particles) % NUM_DISTINCT
     # ESS / N of weights exp(s z) tends to exp(−s²): one half at s = 0.83.
     log_weights = 0.83 * np.random.default_rng(0).standard_normal(num_particles)
@@ -61,3 +68,50 @@ def running_filter(num_particles: int) -> tuple[RBPF, RBPFState, StepInputs]:
         num_steps=few.num_steps,
     )
     return dataclasses.replace(slam, num_particles=num_particles), state, inputs
+
+
+def prepared_drive(method: str, num_particles: int) -> Prepared:
+    """A method's filter, and the whole drive as its inputs."""
+    return prepare(_log(), _configuration(num_particles, method))
+
+
+def drive(method: str, num_particles: int) -> Program:
+    """A method over the whole drive, as `run` has it."""
+    prepared = prepared_drive(method, num_particles)
+    pose0 = jnp.asarray(prepared.inputs.pose0, jnp.float32)
+    return Program(run, (prepared.slam, jax.random.key(0), pose0, prepared.inputs.inputs))
+
+
+def still_filter(num_particles: int, method: str = "gmapping") -> tuple[RBPF, RBPFState, StepInputs]:
+    """A filter before its first step: of the sizes of a running one, and ready at once."""
+    configuration = _configuration(num_particles, method)
+    if configuration.fusion.use != "off":
+        # As `prepare` has it for a log with an IMU.
+        configuration = dataclasses.replace(configuration, motion=GaussianMotion())
+    slam = build(configuration, np.array([[0.0, 0.0], [10.0, 5.0]]))
+    return slam, slam.init(jax.random.key(0), jnp.zeros(3)), one_step(NUM_BEAMS)
+
+
+def still_run(method: str, num_particles: int, num_scans: int) -> Program:
+    """`run` over a few equal scans."""
+    slam, _, inputs = still_filter(num_particles, method)
+    return Program(run, (slam, jax.random.key(0), jnp.zeros(3), repeated(inputs, num_scans)))
+
+
+def repeated(tree: Any, count: int) -> Any:
+    """Every leaf so many times, along a new first axis."""
+    return jax.tree.map(lambda leaf: jnp.repeat(jnp.asarray(leaf)[None], count, axis=0), tree)
+
+
+def one_step(num_beams: int) -> StepInputs:
+    """A scan of half a turn, and a little way driven."""
+    scan = LidarScan(
+        ranges=jnp.linspace(1.0, 6.0, num_beams),
+        valid=jnp.ones(num_beams, bool),
+        angle_min=jnp.float32(-1.57),
+        angle_increment=jnp.float32(3.14 / num_beams),
+        pose_base_lidar=jnp.zeros(3),
+    )
+    return StepInputs(
+        OdometryIncrement(jnp.asarray([0.2, 0.0, 0.02]), jnp.zeros((3, 3)), jnp.float32(0.2)), scan
+    )

@@ -1,8 +1,5 @@
 """The stages of a filter step, each as a function and the arguments that a running filter gives it."""
 
-from collections.abc import Callable
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 
@@ -19,30 +16,17 @@ from jaxslam.resampling.permute import keep_survivors_in_place
 from jaxslam.sensor.field import prepare_field, window_rows
 from jaxslam.slam import RBPF, RBPFState
 from jaxslam.types import StepInputs
+from tests.benchmarks.programs import Program
 
 
-class Stage(NamedTuple):
-    """A function to jit, and what to call it with.
-
-    Attributes:
-        function: pure.
-        arguments: arrays and modules.
-        in_place: the first argument is donated, and the (first) result takes its place in the next call.
-    """
-
-    function: Callable
-    arguments: tuple
-    in_place: bool = False
-
-
-def read(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
+def read(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Program:
     shape = _field_shape(slam)
-    return Stage(
+    return Program(
         lambda maps, starts: read_windows(maps, starts, shape), (state.maps, _starts(slam, state, shape))
     )
 
 
-def distance_field(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
+def distance_field(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Program:
     shape = _field_shape(slam)
     starts = _starts(slam, state, shape)
     origins = jax.vmap(window_origin, (None, 0))(slam.grid, starts)
@@ -53,10 +37,10 @@ def distance_field(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
             windows, quantise(slam.occupancy.occupied_above), origins, slam.grid.resolution, slam.radius
         )
 
-    return Stage(prepare, (read_windows(state.maps, starts, shape), origins, slam))
+    return Program(prepare, (read_windows(state.maps, starts, shape), origins, slam))
 
 
-def match(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
+def match(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Program:
     """One matcher with its default number of iterations, all beams, fine level."""
 
     def match_all(poses, fields, inputs, matcher, precision):
@@ -66,20 +50,20 @@ def match(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
         )
 
     precision = jnp.diag(jnp.asarray([400.0, 400.0, 4000.0], jnp.float32))
-    return Stage(match_all, (state.poses, _fields(slam, state, inputs), inputs, GaussNewton(), precision))
+    return Program(match_all, (state.poses, _fields(slam, state, inputs), inputs, GaussNewton(), precision))
 
 
-def icp(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
+def icp(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Program:
     """All beams, its default number of iterations on both levels."""
 
     def align_all(poses, fields, inputs, matcher):
         ends = scan_points(inputs.scan)
         return jax.vmap(lambda pose, field: matcher.match(field, ends, pose))(poses, fields)
 
-    return Stage(align_all, (state.poses, _fields(slam, state, inputs), inputs, ICP()))
+    return Program(align_all, (state.poses, _fields(slam, state, inputs), inputs, ICP()))
 
 
-def fruit_flies(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
+def fruit_flies(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Program:
     """The default swarm around every particle."""
 
     def fly_all(poses, fields, inputs, proposal, precision, key):
@@ -91,27 +75,27 @@ def fruit_flies(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
 
     precision = jnp.diag(jnp.asarray([400.0, 400.0, 4000.0], jnp.float32))
     fields = _fields(slam, state, inputs)
-    return Stage(fly_all, (state.poses, fields, inputs, FruitFlyProposal(), precision, jax.random.key(5)))
+    return Program(fly_all, (state.poses, fields, inputs, FruitFlyProposal(), precision, jax.random.key(5)))
 
 
-def propose(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
+def propose(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Program:
     """The whole default proposal, with all its matching."""
 
     def propose_all(poses, fields, inputs, slam, key):
         keys = jax.random.split(key, poses.shape[0])
         return slam.proposal.sample_all(keys, poses, inputs, fields, slam.motion, slam.sensor)
 
-    return Stage(propose_all, (state.poses, _fields(slam, state, inputs), inputs, slam, jax.random.key(2)))
+    return Program(propose_all, (state.poses, _fields(slam, state, inputs), inputs, slam, jax.random.key(2)))
 
 
-def score(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
+def score(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Program:
     def score_all(poses, fields, inputs, sensor):
         return jax.vmap(sensor.log_prob, (0, None, 0))(fields, inputs.scan, poses)
 
-    return Stage(score_all, (state.poses, _fields(slam, state, inputs), inputs, slam.sensor))
+    return Program(score_all, (state.poses, _fields(slam, state, inputs), inputs, slam.sensor))
 
 
-def integrate(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
+def integrate(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Program:
     shape = (slam.window_size, slam.window_size)
     starts = _starts(slam, state, shape)
 
@@ -128,17 +112,17 @@ def integrate(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
         return jax.vmap(one)(windows, poses, starts)
 
     windows = read_windows(state.maps, starts, shape)
-    return Stage(integrate_all, (windows, state.poses, starts, inputs, slam))
+    return Program(integrate_all, (windows, state.poses, starts, inputs, slam))
 
 
-def write(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
+def write(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Program:
     shape = (slam.window_size, slam.window_size)
     starts = _starts(slam, state, shape)
     windows = read_windows(state.maps, starts, shape)
-    return Stage(write_windows, (jnp.copy(state.maps), windows, starts), in_place=True)
+    return Program(write_windows, (jnp.copy(state.maps), windows, starts), in_place=True)
 
 
-def resample(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
+def resample(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Program:
     """A step that does resample, with the copying of maps; most steps do not."""
     always = AdaptiveResampling(slam.resampling.scheme, threshold=2.0)
 
@@ -146,10 +130,10 @@ def resample(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
         return copy_maps(maps, keep_survivors_in_place(always(key, log_weights).ancestors))
 
     arguments = (jnp.copy(state.maps), jax.random.key(3), state.log_weights, always)
-    return Stage(resample_all, arguments, in_place=True)
+    return Program(resample_all, arguments, in_place=True)
 
 
-def step(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
+def step(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Program:
     """Everything. The state goes on from call to call, so the robot stands: else it would leave the map."""
     standing = jax.tree.map(jnp.zeros_like, inputs.odometry)
     inputs = StepInputs(standing, inputs.scan)
@@ -157,7 +141,7 @@ def step(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Stage:
     def take(state, slam, key, inputs):
         return slam.step(jax.random.fold_in(key, state.num_steps), state, inputs)[0]
 
-    return Stage(take, (jax.tree.map(jnp.copy, state), slam, jax.random.key(4), inputs), in_place=True)
+    return Program(take, (jax.tree.map(jnp.copy, state), slam, jax.random.key(4), inputs), in_place=True)
 
 
 AROUND = jnp.zeros(2, jnp.int32)

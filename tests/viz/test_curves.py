@@ -4,7 +4,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from jaxslam.viz import plot_errors, plot_ess
+from jaxslam.viz import plot_errors, plot_ess, plot_live_particles
 
 
 @pytest.fixture
@@ -88,6 +88,42 @@ def test_ess_shows_threshold_and_resampled_steps(ax):
     assert ax.get_ylim()[1] > 30
     assert ax.get_xlabel() == "step"
     assert ax.get_ylabel() == "effective sample size (of 30)"
+
+
+def test_marks_that_are_not_there_do_not_take_up_room():
+    """The picture of a run that never resampled has no empty margin."""
+    rooms = []
+    for resampled in (None, np.array([False, False])):
+        figure = Figure(figsize=(8, 6), dpi=50)
+        canvas = FigureCanvasAgg(figure)
+        ax = figure.subplots()
+        plot_ess(np.array([30.0, 29.0]), 30, resampled, ax)
+        rooms.append(ax.get_tightbbox(canvas.get_renderer()).bounds)
+    assert ax.lines[-1].get_label() == "resampled (0)"
+    assert rooms[1] == pytest.approx(rooms[0])
+
+
+def test_live_particles_are_drawn_with_where_they_do_not_agree(ax):
+    live, agreed = np.array([1000, 10, 10]), np.array([False, True, True])
+    assert plot_live_particles(TIMES, live, agreed, ax) is ax
+    np.testing.assert_array_equal(ax.lines[0].get_xydata(), np.stack([TIMES, live], axis=1))
+    assert (ax.get_yscale(), ax.get_ylabel()) == ("log", "live particles")
+    [grey] = ax.collections
+    assert grey.get_label() == "they do not agree"
+    plot_live_particles(TIMES, live, ax=ax)
+    assert len(ax.collections) == 1
+
+
+@pytest.mark.parametrize(
+    ("live", "agreed", "message"),
+    [
+        (np.ones(2, int), None, "2 counts for 3 stamps"),
+        (np.ones(3, int), np.ones(2, bool), "2 agreements for 3 stamps"),
+    ],
+)
+def test_bad_live_particles_are_one_clear_line(ax, live, agreed, message):
+    with pytest.raises(ValueError, match=message):
+        plot_live_particles(TIMES, live, agreed, ax)
 
 
 def test_bad_ess_is_one_clear_line(ax):

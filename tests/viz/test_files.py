@@ -1,3 +1,6 @@
+import base64
+import io
+import re
 import time
 
 import numpy as np
@@ -5,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from jaxslam.viz import MapFrame, MapLayer, animate_map, save_map_picture
+from jaxslam.viz import MapFrame, MapLayer, animate_inline, animate_map, save_map_picture
 
 ORIGIN = np.array([-1.0, 2.0])
 
@@ -182,6 +185,18 @@ def test_frames_are_read_one_at_a_time(tmp_path):
     frames.made = 0
     animate_map(tmp_path / "a.gif", frames(), 0.05, ORIGIN)
     assert frames.made == 10
+
+
+def test_an_animation_for_a_notebook_is_the_file_inside_a_picture_element(tmp_path):
+    animate_map(tmp_path / "a.gif", growing(5, shape=(120, 160)), 0.05, ORIGIN, max_side=80)
+    inline = animate_inline(growing(5, shape=(120, 160)), 0.05, ORIGIN, max_side=80)
+    assert inline.gif == (tmp_path / "a.gif").read_bytes()
+    assert re.fullmatch(r"InlineAnimation\(5 frames, \d+ kB\)", repr(inline))
+    [source] = re.findall(r'<img src="data:image/gif;base64,([^"]+)"', inline._repr_html_())
+    with Image.open(io.BytesIO(base64.b64decode(source))) as image:
+        assert image.n_frames == 5
+    with pytest.raises(ValueError, match="there are no frames"):
+        animate_inline([], 0.05, ORIGIN)
 
 
 def test_bad_frames_are_one_clear_line(tmp_path):

@@ -9,7 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from jaxslam.types import LidarScan
-from jaxslam.viz import plot_covariance, plot_map, plot_particles, plot_scan, plot_trajectory
+from jaxslam.viz import plot_covariance, plot_map, plot_particles, plot_scan, plot_trajectory, plot_walls
 
 
 @pytest.fixture
@@ -210,6 +210,18 @@ def test_covariances_come_in_batches_and_are_checked(ax):
         plot_covariance(POSES[0], np.diag([1.0, -1.0, 1.0]), ax)
     with pytest.raises(ValueError, match="not finite"):
         plot_covariance(POSES[0], np.full((3, 3), np.nan), ax)
+
+
+def test_walls_are_lines_from_end_to_end(ax):
+    segments = jnp.asarray([[0.0, 1.0, 4.0, 1.0], [4.0, 1.0, 4.0, 3.0]], jnp.float32)
+    assert plot_walls(segments, ax) is ax
+    [lines] = ax.collections
+    np.testing.assert_array_equal(lines.get_segments(), [[[0, 1], [4, 1]], [[4, 1], [4, 3]]])
+    assert (lines.get_label(), ax.get_xlabel(), ax.get_aspect()) == ("true walls", "x (m)", 1.0)
+    # Alone on the axes they are all in sight.
+    assert ax.get_xlim()[0] < 0.0 < 4.0 < ax.get_xlim()[1]
+    with pytest.raises(ValueError, match="segment 1 is not finite"):
+        plot_walls(segments.at[1, 2].set(np.nan), ax)
 
 
 def test_without_axes_pyplots_current_ones_are_used_and_settings_stay():

@@ -1,0 +1,108 @@
+"""What an experiment's folder has: its tables, cell by cell, and what made them."""
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of `table.md`.
+
+    Attributes:
+        header: names of the columns; of one that is there twice, the second is `NAME (2)`.
+        rows: their cells.
+    """
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    def row(self, first: Sequence[str]) -> dict[str, str]:
+        """The row that begins with these cells, by column.
+
+        Raises:
+            KeyError: there is none.
+        """
+        for row in self.rows:
+            if row[: len(first)] == tuple(first):
+                return dict(zip(self.header, row, strict=True))
+        raise KeyError(", ".join(first))
+
+
+@dataclass(frozen=True)
+class Results:
+    """The results of an experiment as they lie on disk.
+
+    Attributes:
+        text: of `table.md`; None where the experiment has not been run to its end.
+        origin: what `run.json` says; empty where there is none.
+    """
+
+    text: str | None
+    origin: dict[str, Any]
+
+    @property
+    def tables(self) -> dict[str, Table]:
+        """By title; a table below a heading has it in front: `hall_small: Methods`."""
+        return {} if self.text is None else _tables(self.text)
+
+    @property
+    def made_by(self) -> str:
+        """Seeds, drives and versions in one line; what the file does not say is left out."""
+        said = []
+        if "seeds" in self.origin:
+            said.append(f"{self.origin['seeds']} seeds")
+        if "duration_s" in self.origin:
+            said.append(f"drives of {self.origin['duration_s']:g} s")
+        versions = self.origin.get("versions", {})
+        said += [f"{name} {version}" for name, version in versions.items() if name != "platform"]
+        return ", ".join(said)
+
+
+def read_results(folder: Path) -> Results:
+    """What a results folder has, as far as it is there.
+
+    Raises:
+        ValueError: `run.json` is not JSON.
+        OSError: a file cannot be read.
+    """
+    table, origin = folder / "table.md", folder / "run.json"
+    text = table.read_text(encoding="utf-8") if table.exists() else None
+    try:
+        said = json.loads(origin.read_text(encoding="utf-8")) if origin.exists() else {}
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{origin}: not valid JSON: {error}") from None
+    return Results(text, said)
+
+
+def _tables(text: str) -> dict[str, Table]:
+    found, section, title = {}, "", ""
+    for block in re.split(r"\n\s*\n", text):
+        line = block.strip()
+        if line.startswith("#"):
+            section = line.lstrip("# ") + ": "
+        elif line.startswith("|"):
+            found[section + title] = _table(line)
+        elif line.endswith(":"):
+            title = line[:-1]
+    return found
+
+
+def _table(block: str) -> Table:
+    lines = [_cells(line) for line in block.splitlines()]
+    # The second is the rule below the header.
+    return Table(_distinct(lines[0]), tuple(lines[2:]))
+
+
+def _cells(line: str) -> tuple[str, ...]:
+    return tuple(cell.strip() for cell in line.strip().strip("|").split("|"))
+
+
+def _distinct(names: Sequence[str]) -> tuple[str, ...]:
+    before = [names[:index].count(name) for index, name in enumerate(names)]
+    return tuple(
+        f"{name} ({count + 1})" if count else name for name, count in zip(names, before, strict=True)
+    )

@@ -1,0 +1,46 @@
+"""A localisation in the middle of a run, as the benchmarks need it."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+
+from jaxslam.localization import AMCL, AMCLState, FieldModel
+from jaxslam.localization_configuration import LocalizationConfiguration, build_localizer
+from jaxslam.types import StepInputs
+from tests.benchmarks.filters import one_step
+from tests.benchmarks.programs import Program
+from tests.localization.worlds import hall_map
+
+
+def localizer(num_particles: int, num_beams: int) -> tuple[AMCL, AMCLState, StepInputs]:
+    """The filter with all its particles alive and resampling in every step, and a scan."""
+    configuration = dataclasses.replace(
+        LocalizationConfiguration(),
+        max_particles=num_particles,
+        resample_below=1.01,
+        scan_model=FieldModel(max_beams=num_beams),
+    )
+    amcl = build_localizer(configuration, hall_map()[0])
+    state = amcl.init(
+        jax.random.key(0), jnp.asarray([4.0, 4.0, 0.0]), jnp.diag(jnp.asarray([0.25, 0.25, 0.1]))
+    )
+    return amcl, state, one_step(num_beams)
+
+
+def scan_model(num_particles: int, num_beams: int) -> Program:
+    """A scan seen from every particle, and no more."""
+    amcl, state, inputs = localizer(num_particles, num_beams)
+    everywhere = jnp.ones(num_particles, bool)
+
+    def score(model, *rest):
+        return model.log_likelihoods(*rest, everywhere, jnp.asarray(True))
+
+    arguments = (amcl.scan_model, amcl.table, amcl.known, inputs.scan, state.poses)
+    return Program(score, arguments, tuned=False)
+
+
+def localization_step(num_particles: int, num_beams: int) -> Program:
+    """A whole step."""
+    amcl, state, inputs = localizer(num_particles, num_beams)
+    return Program(AMCL.step, (amcl, jax.random.key(1), state, inputs), tuned=False)

@@ -1,0 +1,107 @@
+"""What a notebook shows of a value at the end of a cell: one line, not pages of arrays."""
+
+import dataclasses
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxslam.configuration import Configuration, build
+from jaxslam.fusion import Fused
+from jaxslam.inputs import Thinning, prepare_inputs
+from jaxslam.io.log import FixTrack, ImuTrack, JointTrack, OdometryTrack, ScanTrack, SensorLog
+from jaxslam.preparation import Prepared
+from jaxslam.run import RunResult
+from jaxslam.slam import StepInfo
+
+STAMPS = 100.0 + 0.5 * np.arange(500)
+POSES = np.stack([0.01 * np.arange(500), 0.004 * np.arange(500), np.zeros(500)], axis=1)
+MATRIX = np.zeros((500, 3))
+ODOMETRY = OdometryTrack(STAMPS, POSES, MATRIX, "odom")
+IMU = ImuTrack(STAMPS[:300], np.zeros((300, 4)), MATRIX[:300], MATRIX[:300], np.eye(3), True, "imu/data")
+JOINTS = JointTrack(STAMPS[:7], ("left", "right"), np.zeros((7, 2)), np.zeros((7, 2)), "joint_states")
+FIXES = FixTrack(STAMPS[:0], MATRIX[:0], "fix")
+SCANS = ScanTrack(
+    STAMPS[:400],
+    np.ones((400, 36), np.float32),
+    np.full(400, 36),
+    np.zeros(400),
+    np.full(400, 0.1),
+    0.1,
+    5.0,
+    np.zeros(3),
+    True,
+    "FLASER",
+)
+LOG = SensorLog(Path("logs/a.log"), odometry=ODOMETRY, scans=SCANS)
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (ODOMETRY, "OdometryTrack(500 poses on odom, 249.5 s)"),
+        (IMU, "ImuTrack(300 readings on imu/data, 149.5 s)"),
+        (JOINTS, "JointTrack(7 readings on joint_states, 3.0 s, left, right)"),
+        (FIXES, "FixTrack(0 fixes on fix)"),
+        (SCANS, "ScanTrack(400 scans on FLASER, 199.5 s, 36 beams)"),
+        (LOG, f"SensorLog({Path('logs/a.log')}: 400 scans, 500 odometry poses)"),
+        (
+            dataclasses.replace(LOG, imu=IMU, joints=JOINTS, fixes=FIXES, warnings=("one", "two")),
+            f"SensorLog({Path('logs/a.log')}: 400 scans, 500 odometry poses, 300 IMU readings, "
+            "7 joint readings, 0 fixes, 2 warnings)",
+        ),
+        (SensorLog(Path("empty")), "SensorLog(empty: nothing)"),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_a_log_and_its_tracks_are_counted(value, shown):
+    assert repr(value) == shown
+
+
+def test_prepared_inputs_say_how_many_scans_are_left_and_how_far_the_robot_went():
+    inputs = prepare_inputs(LOG, Thinning(min_translation=0.1))
+    # Steps of 1.08 cm: every tenth is the first over 10 cm.
+    assert repr(inputs) == "PreparedInputs(40 of 400 scans of 36 beams, odometry within 5.0 × 2.0 m)"
+
+
+def test_what_is_prepared_tells_particles_maps_and_inputs():
+    inputs = prepare_inputs(LOG, Thinning())
+    slam = build(Configuration(num_particles=7), inputs.odometry_bounds)
+    maps = f"maps of {slam.grid.width} × {slam.grid.height} cells of 0.05 m"
+    assert repr(Prepared(slam, inputs)) == f"Prepared(7 particles, {maps}, {inputs!r})"
+    fused = Fused(
+        STAMPS[:2], POSES[:2], MATRIX[:2], MATRIX[:2], np.zeros((2, 3, 3)), {"odometry": 3, "imu": 9}, {}
+    )
+    shown = f"Prepared(7 particles, {maps}, {inputs!r}, fused with 9 IMU readings)"
+    assert repr(Prepared(slam, inputs, fused=fused)) == shown
+
+
+def test_a_result_tells_scans_particles_map_and_speed():
+    slam = build(Configuration(num_particles=3), np.array([[0.0, 0.0], [4.0, 2.0]]))
+    infos = StepInfo(
+        poses=jnp.zeros((500, 3, 3)),
+        log_weights=jnp.zeros((500, 3)),
+        ancestors=jnp.zeros((500, 3), jnp.int32),
+        ess=jnp.zeros(500),
+        resampled=jnp.zeros(500, bool),
+        flags=jnp.zeros(500, jnp.int32),
+    )
+    result = RunResult(
+        stamps=STAMPS,
+        trajectory=POSES,
+        all_stamps=STAMPS,
+        all_poses=POSES,
+        log_odds=np.zeros((20, 30), np.int8),
+        grid=slam.grid,
+        particles=MATRIX[:3],
+        log_weights=np.zeros(3, np.float32),
+        infos=infos,
+        compile_s=1.0,
+        run_s=2.25,
+        ms_per_scan=4.5,
+        warnings=(),
+    )
+    shown = "500 scans, 3 particles, map 30 × 20 cells of 0.05 m, 4.5 ms per scan"
+    assert repr(result) == f"RunResult({shown})"
+    assert repr(dataclasses.replace(result, warnings=("one",))) == f"RunResult({shown}, 1 warnings)"

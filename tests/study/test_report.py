@@ -6,6 +6,7 @@ import json
 import numpy as np
 import optuna
 import pytest
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 from PIL import Image
@@ -23,6 +24,7 @@ from jaxslam.study.report import (
     trial_table,
     write_report,
 )
+from jaxslam.viz import style
 from tests.study.studies import LOGS, STUDY, plan_of, store_of
 
 SPACE = """[space]
@@ -232,11 +234,11 @@ def test_every_trial_of_the_front_is_a_file_and_those_of_before_go(made_up, tmp_
     assert "they are the Pareto front" in (tmp_path / "report.md").read_text()
 
 
-def shades(path):
-    """How many pixels a picture has that are not white, and how many colours."""
+def pixels_of(path, colour):
+    """How many pixels of a picture have that very colour."""
+    wanted = np.round(255 * np.array(to_rgb(colour)))
     with Image.open(path) as picture:
-        pixels = np.asarray(picture.convert("RGB")).reshape(-1, 3)
-    return np.mean(pixels.min(axis=1) < 250), len(np.unique(pixels, axis=0))
+        return int((np.asarray(picture.convert("RGB")) == wanted).all(axis=-1).sum())
 
 
 @pytest.mark.parametrize("objectives", [("error",), ("error", "time"), ("error", "time", "heading")])
@@ -245,10 +247,10 @@ def test_pictures_show_something(made_up, tmp_path, objectives):
     write_report(tmp_path, store, plan.described())
     found = {path.name for path in tmp_path.glob("*.png")}
     assert found == PICTURES | ({"pareto.png"} if len(objectives) == 2 else set())
+    # The curve of the best so far, the best trial's line, the bars, the front.
     for name in found:
-        covered, colours = shades(tmp_path / name)
-        assert covered > 0.01, name
-        assert colours > 20, name
+        colour = style.ESTIMATE if name in ("history.png", "importance.png") else style.REFERENCE
+        assert pixels_of(tmp_path / name, colour) > 300, name
 
 
 def test_parallel_coordinates(made_up):

@@ -24,8 +24,6 @@ from jaxslam.settings import flatten, update
 from jaxslam.slam.rbpf import RBPF, trajectory
 from jaxslam.types import StepInputs
 
-UPDATES = 20
-"""Looks of the host during all runs, for a progress bar."""
 _BYTES_PER_WINDOW_CELL = 5
 """Working memory of a step, per particle and cell of its window."""
 _BYTES_PER_INFO = 24
@@ -123,9 +121,8 @@ def run_many(
     together = together or (1 if used[0].platform == "cpu" else VMAPPED)
     # Rows of the table of runs: configuration, key, input.
     table = np.stack(np.meshgrid(np.arange(count), np.arange(seeds), indexing="ij"), axis=-1).reshape(-1, 2)
-    together = min(together, -(-len(table) // len(used)))
+    # However many runs there are, a call takes as many: another number compiles nothing.
     per_call = len(used) * together
-    per_call *= -(-len(table) // (per_call * UPDATES))
     lengths = np.array([len(each.stamps) for each in inputs])
     over = _inputs(inputs)
     room = over.inputs.scan.ranges.shape[1]

@@ -1,7 +1,17 @@
 """Strict settings for every test: shapes checked, no silent promotion, the real logs by fixture."""
 
+import atexit
 import os
+import shutil
+import tempfile
 from pathlib import Path
+
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+    # What one test has compiled, the other workers and the commands that tests start need not compile again.
+    _programs = tempfile.mkdtemp(prefix="jaxslam-programs-")
+    atexit.register(shutil.rmtree, _programs, ignore_errors=True)
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = _programs
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.3"
 
 import jax
 import pytest

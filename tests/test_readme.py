@@ -46,7 +46,7 @@ def test_the_study_can_be_read(tmp_path):
     path = tmp_path / "hall.toml"
     path.write_text(block_after("study"), encoding="utf-8")
     plan = read_plan(path)
-    assert [parameter.name for parameter in plan.space.parameters][0] == "proposal.kind"
+    assert plan.space.parameters[0].name == "proposal.kind"
     assert len(plan.space.parameters) == 4
 
 

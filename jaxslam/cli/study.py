@@ -41,6 +41,11 @@ def execute(command: Study, arguments: list[str]) -> None:
         _make_folder_of(Path(storage))
     # Before the logs are read.
     connect(url)
+    if command.cluster is not None:
+        # Dask is an extra of its own.
+        from jaxslam.study.cluster import check_cluster, run_on_cluster
+
+        check_cluster(command.cluster, url)
     folder = command.out or Path("runs") / f"{plan.name}-study"
     make_folder(folder)
     programs = (folder / "programs").resolve()
@@ -54,9 +59,6 @@ def execute(command: Study, arguments: list[str]) -> None:
         if command.cluster is None:
             store = run_trials(plan, url, _say)
         else:
-            # Dask is an extra of its own.
-            from jaxslam.study.cluster import run_on_cluster
-
             store = run_on_cluster(plan, url, command.cluster, programs, _say)
         summary = write_report(folder, store, plan.described())
     print(f"\n{counts(summary)}\n\n{trial_table(summary, SHOWN)}\n\n{importance_table(summary)}\n")

@@ -25,6 +25,23 @@ _ONE_AT_A_TIME = threading.Lock()
 """A process computes on all of its devices: threads of one worker take turns."""
 
 
+def check_cluster(cluster: str, url: str) -> None:
+    """What can be known of a cluster before it is asked.
+
+    Raises:
+        ValueError: a number of workers that is none, or a SQLite file for those of other machines.
+    """
+    if (
+        _local_workers(cluster) is None
+        and url.startswith("sqlite")
+        and _host(cluster) not in ("localhost", "127.0.0.1", "::1")
+    ):
+        raise ValueError(
+            f"{shown(url)} is a file of this machine, which the workers of {cluster} cannot share: give "
+            "--storage a database that they reach, such as postgresql://user@host/studies"
+        )
+
+
 def run_on_cluster(
     plan: Plan, url: str, cluster: str, programs: Path, on_trial: Callable[[Store, Told], None]
 ) -> Store:
@@ -41,16 +58,10 @@ def run_on_cluster(
         on_trial: called here for every trial that ends.
 
     Raises:
-        ValueError: the cluster cannot be reached, a SQLite file is given to another machine's, or the first
-            trials all fail.
+        ValueError: the cluster cannot be reached, or not with this storage, or the first trials all fail.
     """
-    local = _local_workers(cluster)
-    if local is None and url.startswith("sqlite") and _host(cluster) not in ("localhost", "127.0.0.1", "::1"):
-        raise ValueError(
-            f"{shown(url)} is a file of this machine, which the workers of {cluster} cannot share: give "
-            "--storage a database that they reach, such as postgresql://user@host/studies"
-        )
-    with _client(cluster, local) as client:
+    check_cluster(cluster, url)
+    with _client(cluster, _local_workers(cluster)) as client:
         store = open_study(plan, url)
         # A trial that was given up in the meantime is made up for.
         while (left := plan.trials - len(store.finished())) > 0:

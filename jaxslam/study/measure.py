@@ -12,7 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float64, Int8
 
+from jaxslam.configuration import correct_scans
 from jaxslam.grid.spec import GridSpec
+from jaxslam.inputs import PreparedInputs, prepare_inputs
 from jaxslam.io import Relations, SensorLog, read_log, read_relations, read_tum
 from jaxslam.many import ManyResult, run_many
 from jaxslam.metrics import BinaryMap, map_score
@@ -85,6 +87,23 @@ def _loaded(source: Source) -> Loaded:
     )
 
 
+def check_source(plan: Plan, source: Source) -> None:
+    """Measures the odometry of a source, before any run is made.
+
+    Raises:
+        ValueError: it has none, or nothing that it could be measured by; one line.
+        OSError: it cannot be read.
+    """
+    loaded = load(source)
+    configuration = plan.configuration({}, loaded.lidar)
+    try:
+        log, _ = correct_scans(loaded.log, configuration.lidar)
+        inputs = prepare_inputs(log, configuration.thinning)
+        _errors(loaded, inputs, inputs.all_odometry)
+    except ValueError as error:
+        raise ValueError(f"{source.name}: {error}") from None
+
+
 def measure(
     plan: Plan, source: Source, seeds: Sequence[int], settings: Sequence[Mapping[str, Scalar]]
 ) -> list[Figures | TrialError]:
@@ -142,7 +161,10 @@ def _figures(loaded: Loaded, prepared: Prepared, result: ManyResult, row: int) -
         return TrialError(f"the robot left the map in {lost} of {len(result.left_map[row])} runs")
     if not np.isfinite(result.trajectories[row]).all():
         return TrialError("a trajectory is not finite")
-    errors = [_errors(loaded, prepared, path.astype(np.float64)) for path in result.trajectories[row]]
+    paths = (
+        poses_at_every_scan(prepared.inputs, path.astype(np.float64)) for path in result.trajectories[row]
+    )
+    errors = [_errors(loaded, prepared.inputs, poses) for poses in paths]
     return Figures(
         error=np.array([error for error, _ in errors]),
         heading=np.array([heading for _, heading in errors]),
@@ -151,11 +173,10 @@ def _figures(loaded: Loaded, prepared: Prepared, result: ManyResult, row: int) -
     )
 
 
-def _errors(loaded: Loaded, prepared: Prepared, path: Float64[np.ndarray, "T 3"]) -> tuple[float, float]:
-    """Metres and degrees; NaN for a source that has nothing to be measured by."""
-    log, inputs = loaded.log, prepared.inputs
+def _errors(loaded: Loaded, inputs: PreparedInputs, poses: Float64[np.ndarray, "S 3"]) -> tuple[float, float]:
+    """Metres and degrees of the poses at all scans; NaN for a source that has nothing to be measured by."""
+    log = loaded.log
     assert log.odometry is not None
-    poses = poses_at_every_scan(inputs, path)
     if loaded.relations is not None:
         figures = relation_figures(inputs.all_stamps, poses, log.odometry, loaded.relations)
         return figures["trans_mean_m"], figures["rot_mean_deg"]

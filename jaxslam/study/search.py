@@ -9,9 +9,10 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax.experimental.compilation_cache import compilation_cache
 
 from jaxslam.settings import Scalar
-from jaxslam.study.measure import TrialError, load, measure, program_of
+from jaxslam.study.measure import TrialError, check_source, load, measure, program_of
 from jaxslam.study.objectives import Figures, values
 from jaxslam.study.plan import Plan, Source
 from jaxslam.study.space import Parameter
@@ -40,12 +41,22 @@ class Told:
 
 def keep_programs(folder: Path) -> None:
     """Compiled programs are kept in a folder: for the workers beside this one, and for the next session."""
+    if jax.config.jax_compilation_cache_dir != str(folder):  # type: ignore[attr-defined]
+        # Else JAX stays with what it has settled for when it compiled first.
+        compilation_cache.reset_cache()
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 
 
 def with_lidars(plan: Plan) -> Plan:
-    """The plan with the lidar of every source, as its scans tell it: it is a part of what is tried."""
+    """The plan with the lidar of every source, as its scans tell it: it is a part of what is tried.
+
+    Raises:
+        ValueError: a source, held out or not, has no odometry, or nothing that it could be measured by.
+        OSError: one cannot be read.
+    """
+    for source in (*plan.sources, *plan.held_out):
+        check_source(plan, source)
     sources = (dataclasses.replace(source, lidar=load(source).lidar) for source in plan.sources)
     return dataclasses.replace(plan, sources=tuple(sources))
 

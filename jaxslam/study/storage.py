@@ -136,7 +136,8 @@ def connect(url: str) -> RDBStorage:
     """
     # Workers wait for each other's writes.
     arguments = {"timeout": 60} if url.startswith("sqlite") else {}
-    with complaints(url), _known_warnings():
+    # Without its driver, and with the tables of another version of Optuna.
+    with complaints(url, ImportError, RuntimeError), _known_warnings():
         for _ in range(_ATTEMPTS):
             try:
                 return RDBStorage(
@@ -154,11 +155,12 @@ def connect(url: str) -> RDBStorage:
 
 
 @contextmanager
-def complaints(url: str) -> Iterator[None]:
-    """What a storage complains of, as a `ValueError` of one line."""
+def complaints(url: str, *more: type[Exception]) -> Iterator[None]:
+    """What a storage complains of, and `more`, as a `ValueError` of one line."""
+    caught: tuple[type[Exception], ...] = (sqlalchemy.exc.SQLAlchemyError, StorageInternalError, *more)
     try:
         yield
-    except (sqlalchemy.exc.SQLAlchemyError, StorageInternalError, ImportError, RuntimeError) as error:
+    except caught as error:
         raise ValueError(f"{shown(url)}: this storage cannot be used: {_reason(error)}") from None
 
 
@@ -197,7 +199,7 @@ def load_study(url: str, name: str | None) -> tuple[Store, dict[str, Any]]:
     Raises:
         ValueError: there is none, or not the one that was named, or several of which none was.
     """
-    with complaints(url):
+    with complaints(url, ImportError):
         parts = sqlalchemy.make_url(url)
         is_file = parts.get_backend_name() == "sqlite" and parts.database and not parts.query
         if is_file and not Path(parts.database or "").exists():

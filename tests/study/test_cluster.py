@@ -122,7 +122,7 @@ def test_where_all_trials_fail_the_study_is_given_up(tmp_path, cheap):
 
 
 def test_a_trial_that_was_given_up_meanwhile_is_made_up_for(tmp_path, cheap):
-    """As one is that slept for longer than the grace: its task ends well, and the study has no values of it."""
+    """As one is that slept for longer than the grace: its task ends well, and nothing is known of it."""
     cheap(asleep=(2,))
     told, store = go(plan_of(tmp_path, trials=3), tmp_path, "local:1")
     assert len(told) == len(store.trials()) == 4

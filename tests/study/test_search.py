@@ -6,10 +6,11 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from jax.experimental.compilation_cache import compilation_cache
 from optuna.trial import TrialState
 
 from jaxslam.flags import Flag
-from jaxslam.io import SensorLog
+from jaxslam.io import Relations, SensorLog
 from jaxslam.io.log import OdometryTrack, ScanTrack
 from jaxslam.many import ManyResult
 from jaxslam.preparation import prepare
@@ -381,17 +382,47 @@ def test_the_lidar_that_the_scans_tell_is_a_part_of_the_plan(plan, runs, monkeyp
     assert [source.lidar for source in with_lidars(plan).sources] == ["sick"]
 
 
+def test_logs_are_looked_at_before_anything_runs(plan, runs, monkeypatch):
+    """Those held out as well, which would else be looked at after hours."""
+    loaded = made_up()
+    stamps, poses = loaded.reference
+    other = dataclasses.replace(plan.sources[0], name="other")
+    monkeypatch.setattr("jaxslam.study.search.load", lambda source: loaded)
+    for wrong, message in (
+        (
+            dataclasses.replace(loaded, log=dataclasses.replace(loaded.log, odometry=None)),
+            "no odometry in it",
+        ),
+        (dataclasses.replace(loaded, reference=(stamps + 1000.0, poses)), "0 of the 41 reference poses"),
+        (
+            dataclasses.replace(loaded, relations=Relations(stamps[:0], stamps[:0], poses[:0])),
+            "none of the 0 relations",
+        ),
+    ):
+        found = {"hall_small-0": loaded, "other": wrong}
+        monkeypatch.setattr(measuring, "load", lambda source, found=found: found[source.name])
+        with pytest.raises(ValueError, match=f"^other: .*{message}") as caught:
+            with_lidars(dataclasses.replace(plan, held_out=(other,)))
+        assert "\n" not in str(caught.value)
+    assert runs[0] == []
+    # Nothing to be measured by is nothing wrong, where only the time counts.
+    found["other"] = dataclasses.replace(loaded, reference=None)
+    with_lidars(dataclasses.replace(plan, held_out=(other,)))
+
+
 # Measuring for real.
 
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory):
     folder = tmp_path_factory.mktemp("drive")
-    before = jax.config.jax_compilation_cache_dir, jax.config.jax_persistent_cache_min_compile_time_secs
+    names = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
+    before = {name: getattr(jax.config, name) for name in names}
     keep_programs(folder / "programs")
     yield folder
-    jax.config.update("jax_compilation_cache_dir", before[0])
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", before[1])
+    for name, value in before.items():
+        jax.config.update(name, value)
+    compilation_cache.reset_cache()
 
 
 def test_the_values_of_a_trial_are_those_of_its_runs(drive):

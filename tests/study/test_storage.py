@@ -265,9 +265,14 @@ def test_a_storage_that_cannot_be_written_is_one_line(plan, tmp_path, url, messa
 
 
 def test_a_complaint_without_words_has_its_name():
-    match = r"x\.db: this storage cannot be used: RuntimeError"
+    match = r"x\.db: this storage cannot be used: StorageInternalError"
     with pytest.raises(ValueError, match=match), module.complaints("sqlite:///x.db"):
-        raise RuntimeError
+        raise StorageInternalError
+
+
+def test_what_is_not_of_the_storage_is_not_blamed_on_it():
+    with pytest.raises(RuntimeError, match="out of memory"), module.complaints("sqlite:///x.db"):
+        raise RuntimeError("out of memory")
 
 
 def test_a_report_on_a_study(plan, tmp_path):

@@ -104,16 +104,16 @@ def _held_out(plan: Plan, settings: dict) -> str:
     header = ["", *(f"{label}: {which}" for label in labels for which in ("before", "tuned"))]
     lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
     for name, before, after in held_out_table(plan, settings):
-        if isinstance(before, str) or isinstance(after, str):
-            lines.append(f"| {name} | before: {_outcome(before)}; tuned: {_outcome(after)} |")
-            continue
-        cells = [f"{value:.4g}" for pair in zip(before, after, strict=True) for value in pair]
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+        pairs = zip(_cells(before, len(labels)), _cells(after, len(labels)), strict=True)
+        lines.append(f"| {name} | " + " | ".join(cell for pair in pairs for cell in pair) + " |")
     return "\n".join(lines)
 
 
-def _outcome(outcome: list[float] | str) -> str:
-    return outcome if isinstance(outcome, str) else _numbers(tuple(outcome))
+def _cells(outcome: list[float] | str, count: int) -> list[str]:
+    """One for each objective; why there is none stands in the first."""
+    if isinstance(outcome, str):
+        return [f"failed: {outcome}", *[""] * (count - 1)]
+    return [f"{value:.4g}" for value in outcome]
 
 
 def _numbers(values: tuple[float, ...]) -> str:

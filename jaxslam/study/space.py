@@ -48,12 +48,6 @@ class Parameter:
         """All choices, or both ends of the interval."""
         return self.choices or (self._number(self.low), self._number(self.high))
 
-    def count(self) -> float:
-        """How many values it has; infinite if it is continuous."""
-        if self.choices:
-            return len(self.choices)
-        return math.inf if self.step is None else int((self.high - self.low) / self.step + 1e-9) + 1
-
     def suggest(self, trial: Any) -> Scalar:
         """The sampler's value for an Optuna trial."""
         if self.choices:

@@ -188,8 +188,8 @@ def open_study(plan: Plan, url: str) -> Store:
                 f"{shown(url)} has a study {plan.name!r} whose logs, seeds, filter, space or objectives are "
                 f"others: {_ELSEWHERE}"
             )
-        # Also where it is there: a storage that cannot be written is better known now.
-        study.set_user_attr(_PLAN, plan.described())
+        if before is None:
+            study.set_user_attr(_PLAN, plan.described())
     return Store(study, storage)
 
 

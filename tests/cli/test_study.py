@@ -19,7 +19,8 @@ from jaxslam.configuration import Configuration
 from jaxslam.presets import PRESETS
 from jaxslam.settings import flatten
 
-TRIALS = 8
+MORE = 3
+"""Trials of the last session, after one that is killed and one that is interrupted."""
 SPACE = """
 "sensor.sigma_hit" = { low = 0.02, high = 0.3, log = true }
 "motion.rotation_floor" = { low = 0.01, high = 0.1 }
@@ -30,7 +31,7 @@ name = "hall"
 method = "rbpf"
 seeds = 2
 held_out_seeds = [7]
-trials = 8
+trials = 500
 [filter]
 num_particles = 3
 map.margin = 4.0
@@ -47,10 +48,10 @@ seed = 7
 {SPACE}"""
 
 
-def start(folder):
+def start(folder, *flags):
     """`jaxslam study` as a process of its own: no other way to kill it."""
     command = [sys.executable, "-c", "import sys; from jaxslam.cli import main; sys.exit(main())"]
-    command += ["study", "plan.toml", "--storage", "hall.db", "--out", "out"]
+    command += ["study", "plan.toml", "--storage", "hall.db", "--out", "out", *flags]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     return subprocess.Popen(command, cwd=folder, text=True, encoding="utf-8", **pipes)
 
@@ -84,7 +85,8 @@ def ended(tmp_path_factory):
     rows = [rows_of(folder / "hall.db")]
     interrupted = end_after(start(folder), 1, signal.SIGINT)
     rows.append(rows_of(folder / "hall.db"))
-    output, errors = start(folder).communicate(timeout=300)
+    total = [state for _, state in rows[1]].count("COMPLETE") + MORE
+    output, errors = start(folder, "--trials", str(total)).communicate(timeout=300)
     rows.append(rows_of(folder / "hall.db"))
     assert errors == ""
     return folder, output, killed, interrupted, rows
@@ -105,24 +107,24 @@ def test_a_study_that_is_interrupted_says_so_in_one_line(ended):
     assert errors.strip() == "jaxslam: interrupted"
     states = [state for _, state in rows[1]]
     # The interrupted trial is lost, and known to be.
-    assert 3 <= states.count("COMPLETE") < TRIALS
+    assert states.count("COMPLETE") >= 3
     assert states[-1] in ("FAIL", "COMPLETE")
 
 
 def test_a_study_goes_on_to_all_its_trials(ended):
     _, output, _, _, rows = ended
-    states = [state for _, state in rows[2]]
-    assert states.count("COMPLETE") == TRIALS
-    # One by the kill, one by the interruption.
-    assert len(states) <= TRIALS + 2
-    assert states[-1] == "COMPLETE"
     before = [state for _, state in rows[1]].count("COMPLETE")
-    assert f"study     hall: 8 trials by tpe, {before} of them in " in output
+    states, total = [state for _, state in rows[2]], before + MORE
+    assert states.count("COMPLETE") == total
+    # One by the kill, one by the interruption.
+    assert len(states) <= total + 2
+    assert states[-MORE:] == ["COMPLETE"] * MORE
+    assert f"study     hall: {total} trials by tpe, {before} of them in " in output
     assert "logs      hall_small-0; seeds 0–1" in output
     assert "space     sensor.sigma_hit: 0.02 to 0.3 on a logarithmic scale" in output
     told = re.findall(r"^trial (\d+) +(\S+)   sensor.sigma_hit=\S+ motion.rotation_floor=\S+", output, re.M)
-    assert len(told) == TRIALS - before
-    assert f"8 trials with values, 0 failed, {len(states) - TRIALS} lost or in flight." in output
+    assert len(told) == MORE
+    assert f"{total} trials with values, 0 failed, {len(states) - total} lost or in flight." in output
 
 
 def cells_of(line):
@@ -164,7 +166,7 @@ def test_the_report_of_a_study(ended, capsys):
         "parallel.png",
         "importance.png",
     } == written
-    for part in ("8 trials with values", "| trial | error, m |", "| importance for |"):
+    for part in (" trials with values, 0 failed", "| trial | error, m |", "| importance for |"):
         assert part in output
     # As the study itself has reported.
     for name in ("report.md", "best.toml", "trials.json"):
@@ -226,7 +228,7 @@ def complaint_of(*arguments):
             "'sensor.sigma_hti': did you mean 'sensor.sigma_hit'?",
         ),
         ((SPACE, ""), [], "the space is empty: give [space] some settings"),
-        (("trials = 8", "trails = 8"), [], "[study] has no 'trails': did you mean 'trials'?"),
+        (("trials = 500", "trails = 8"), [], "[study] has no 'trails': did you mean 'trials'?"),
         (("hall_small", "hal_small"), [], "did you mean 'hall_small'?"),
         (("", ""), ["--trials", "0"], "--trials is 0: give 1 or more"),
         (("", ""), ["--trials", "many"], "--trials"),

@@ -99,11 +99,12 @@ def test_a_worker_that_is_killed_loses_its_trial_only(tmp_path, cheap):
     cheap(deadly=(2,))
     plan = plan_of(tmp_path, trials=6)
     told, store = go(plan, tmp_path, "local:2")
-    assert len(told) == len(store.finished()) == 6
-    # Seven were begun, and of one nothing was heard any more.
-    assert (tmp_path / "begun").stat().st_size == 7
-    assert len(store.trials()) == 7
+    # What it had finished and not yet told is in the storage: its tasks are done again, for more trials.
+    assert 6 <= len(store.finished()) <= 7
+    assert len(told) >= 5
     assert all(trial.values is not None for trial in store.finished())
+    # Of one that was begun nothing was heard any more.
+    assert (tmp_path / "begun").stat().st_size == len(store.trials()) == len(store.finished()) + 1
 
 
 def test_trials_that_kill_every_worker_end_the_study(tmp_path, cheap):

@@ -21,6 +21,7 @@ RETRIES = 2
 MOST_WORKERS = 1024
 """Processes of one machine: more are an address without its scheme."""
 
+_ANY_PORT = "127.0.0.1:0"
 _ONE_AT_A_TIME = threading.Lock()
 """A process computes on all of its devices: threads of one worker take turns."""
 
@@ -127,8 +128,9 @@ def _local_workers(cluster: str) -> int | None:
 def _client(cluster: str, local: int | None) -> Client:
     if local is not None:
         # Their logs are of those who keep clusters; what goes wrong with a trial is told by its task.
+        # A port of its own choice: there may be other clusters, and without one Dask takes its usual port.
         client = Client(
-            n_workers=local, threads_per_worker=1, dashboard_address=None, silence_logs=logging.ERROR
+            n_workers=local, threads_per_worker=1, dashboard_address=_ANY_PORT, silence_logs=logging.ERROR
         )
         client.register_plugin(_DeafToInterrupts())
         return client

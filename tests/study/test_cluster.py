@@ -12,7 +12,7 @@ from dask.distributed import Client, WorkerPlugin
 
 from jaxslam.study import cluster as module
 from jaxslam.study.cluster import run_on_cluster
-from jaxslam.study.search import HOPELESS, run_trials
+from jaxslam.study.search import run_trials
 from tests.study.studies import FILTER, LOGS, SPACE, STUDY, plan_of, url_of
 
 
@@ -118,7 +118,7 @@ def test_trials_that_kill_every_worker_end_the_study(tmp_path, cheap):
 
 def test_where_all_trials_fail_the_study_is_given_up(tmp_path, cheap):
     cheap(failing=True)
-    with pytest.raises(ValueError, match=f"the first [0-9]+ trials all failed, .* it cannot be"):
+    with pytest.raises(ValueError, match="the first [0-9]+ trials all failed, .* it cannot be"):
         go(plan_of(tmp_path, trials=20), tmp_path, "local:1")
 
 
@@ -132,7 +132,7 @@ def test_a_trial_that_was_given_up_meanwhile_is_made_up_for(tmp_path, cheap):
 
 def test_a_scheduler_elsewhere_on_this_machine_may_share_a_file(tmp_path, cheap):
     cheap()
-    with Client(n_workers=1, threads_per_worker=2, dashboard_address=None) as there:
+    with Client(n_workers=1, threads_per_worker=2, dashboard_address="127.0.0.1:0") as there:
         address = there.scheduler.address
         told, _ = go(plan_of(tmp_path, trials=3), tmp_path, address)
         assert len(told) == 3

@@ -118,7 +118,7 @@ def test_trials_that_kill_every_worker_end_the_study(tmp_path, cheap):
 
 def test_where_all_trials_fail_the_study_is_given_up(tmp_path, cheap):
     cheap(failing=True)
-    with pytest.raises(ValueError, match="the first [0-9]+ trials all failed, .* it cannot be"):
+    with pytest.raises(ValueError, match=r"the first [0-9]+ trials all failed, .* it cannot be"):
         go(plan_of(tmp_path, trials=20), tmp_path, "local:1")
 
 

@@ -9,6 +9,7 @@ from urllib.parse import urlparse
 
 from dask.distributed import Client, KilledWorker, Worker, WorkerPlugin, as_completed
 
+from jaxslam.study.interrupts import Interrupts
 from jaxslam.study.plan import Plan
 from jaxslam.study.search import Told, check_hope, keep_programs, run_batch
 from jaxslam.study.storage import Store, open_study, shown
@@ -62,17 +63,19 @@ def run_on_cluster(
         ValueError: the cluster cannot be reached, or not with this storage, or the first trials all fail.
     """
     check_cluster(cluster, url)
-    with _client(cluster, _local_workers(cluster)) as client:
+    with _client(cluster, _local_workers(cluster)) as client, Interrupts() as interrupts:
         store = open_study(plan, url)
         # A trial that was given up in the meantime is made up for.
         while (left := plan.trials - len(store.finished())) > 0:
-            for told in _spread(client, plan, url, left, programs):
+            for told in _spread(client, plan, url, left, programs, interrupts):
                 on_trial(store, told)
                 check_hope(store)
     return store
 
 
-def _spread(client: Client, plan: Plan, url: str, left: int, programs: Path) -> Iterator[Told]:
+def _spread(
+    client: Client, plan: Plan, url: str, left: int, programs: Path, interrupts: Interrupts
+) -> Iterator[Told]:
     """So many trials, in batches, as they end."""
     counts = [min(plan.batch, left - first) for first in range(0, left, plan.batch)]
     futures = [
@@ -80,7 +83,10 @@ def _spread(client: Client, plan: Plan, url: str, left: int, programs: Path) -> 
         for count in counts
     ]
     try:
-        for future in as_completed(futures):
+        completed = as_completed(futures)
+        while not completed.is_empty():
+            with interrupts.passing():
+                future = next(completed)
             yield from _result(future)
     finally:
         client.cancel(futures)
@@ -92,7 +98,7 @@ def _one_batch(plan: Plan, url: str, count: int, programs: str) -> list[Told]:
         store = open_study(plan, url)
         # Another session may go on with the same study.
         count = min(count, plan.trials - len(store.finished()))
-        return run_batch(plan, store, count) if count > 0 else []
+        return run_batch(plan, store, count, Interrupts()) if count > 0 else []
 
 
 def _result(future) -> list[Told]:

@@ -12,6 +12,7 @@ import numpy as np
 from jax.experimental.compilation_cache import compilation_cache
 
 from jaxslam.settings import Scalar
+from jaxslam.study.interrupts import Interrupts
 from jaxslam.study.measure import TrialError, check_source, load, measure, program_of
 from jaxslam.study.objectives import Figures, values
 from jaxslam.study.plan import Plan, Source
@@ -81,18 +82,23 @@ def run_trials(plan: Plan, url: str, on_trial: Callable[[Store, Told], None]) ->
     """
     for source in plan.sources:
         load(source)
-    store = open_study(plan, url)
-    while (count := len(store.finished())) < plan.trials:
-        for told in run_batch(plan, store, min(plan.batch, plan.trials - count)):
-            on_trial(store, told)
-        check_hope(store)
+    with Interrupts() as interrupts:
+        store = open_study(plan, url)
+        while (count := len(store.finished())) < plan.trials:
+            for told in run_batch(plan, store, min(plan.batch, plan.trials - count), interrupts):
+                on_trial(store, told)
+            check_hope(store)
     return store
 
 
-def run_batch(plan: Plan, store: Store, count: int) -> list[Told]:
+def run_batch(plan: Plan, store: Store, count: int, interrupts: Interrupts) -> list[Told]:
     """Asks for so many trials, runs those of one program together, and tells each when all are done.
 
-    If that is interrupted, they are lost.
+    Args:
+        plan: of the study.
+        store: the study.
+        count: how many trials.
+        interrupts: let through while they run; then they are lost.
     """
     store.give_up_lost()
     started = time.perf_counter()
@@ -101,7 +107,8 @@ def run_batch(plan: Plan, store: Store, count: int) -> list[Told]:
         with store.alive(trials):
             base = plan.configuration({})
             settings = [plan.space.suggest(trial, base) for trial in trials]
-            outcomes = evaluate(plan, plan.sources, plan.seeds, settings)
+            with interrupts.passing():
+                outcomes = evaluate(plan, plan.sources, plan.seeds, settings)
             for trial, outcome in zip(trials, outcomes, strict=True):
                 store.tell(trial, outcome)
     except BaseException:

@@ -50,7 +50,9 @@ seed = 7
 
 def start(folder, *flags):
     """`jaxslam study` as a process of its own: no other way to kill it."""
-    command = [sys.executable, "-c", "import sys; from jaxslam.cli import main; sys.exit(main())"]
+    # As in a terminal: a shell starts what runs in the background deaf to Ctrl-C, these tests perhaps among it.
+    hear = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    command = [sys.executable, "-c", f"{hear}; import sys; from jaxslam.cli import main; sys.exit(main())"]
     command += ["study", "plan.toml", "--storage", "hall.db", "--out", "out", *flags]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     return subprocess.Popen(command, cwd=folder, text=True, encoding="utf-8", **pipes)

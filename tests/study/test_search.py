@@ -17,6 +17,7 @@ from jaxslam.preparation import prepare
 from jaxslam.report.accuracy import reference_error
 from jaxslam.run import run_log
 from jaxslam.study import measure as measuring
+from jaxslam.study.interrupts import Interrupts
 from jaxslam.study.measure import Loaded, TrialError, load, measure, program_of
 from jaxslam.study.search import (
     HOPELESS,
@@ -202,7 +203,7 @@ def test_an_interrupted_trial_is_lost(plan, tmp_path, cheap, interruption):
     cheap(function)
     store = store_of(plan, tmp_path)
     with pytest.raises(interruption):
-        run_batch(dataclasses.replace(plan, batch=3), store, 3)
+        run_batch(plan, store, 3, Interrupts())
     assert [trial.state for trial in store.trials()] == [TrialState.FAIL] * 3
     assert store.finished() == []
 

@@ -1,0 +1,59 @@
+"""Ctrl-C where it does no harm: in the middle of a transaction it would leave the storage locked."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType, TracebackType
+
+
+class Interrupts:
+    """Once entered, Ctrl-C waits until the end, or until what is done in `passing`.
+
+    In a thread other than the main one, and where Ctrl-C is ignored, it does nothing.
+    """
+
+    def __init__(self) -> None:
+        self._before: signal.Handlers | object = None
+        self._came = False
+        self._passing = False
+
+    def __enter__(self) -> "Interrupts":
+        if threading.current_thread() is threading.main_thread():
+            self._before = signal.getsignal(signal.SIGINT)
+        if callable(self._before):
+            signal.signal(signal.SIGINT, self._handle)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if callable(self._before):
+            signal.signal(signal.SIGINT, self._before)
+            if kind is None:
+                self._raise()
+
+    @contextmanager
+    def passing(self) -> Iterator[None]:
+        """What takes long, and may be broken off anywhere.
+
+        Raises:
+            KeyboardInterrupt: one came now or before, even if it was lost on its way: what is raised in a
+                callback of the garbage collector goes no further.
+        """
+        self._passing = True
+        try:
+            self._raise()
+            yield
+        finally:
+            self._passing = False
+        self._raise()
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        self._came = True
+        if self._passing:
+            raise KeyboardInterrupt
+
+    def _raise(self) -> None:
+        if self._came:
+            raise KeyboardInterrupt

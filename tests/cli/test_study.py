@@ -50,7 +50,7 @@ seed = 7
 
 def start(folder, *flags):
     """`jaxslam study` as a process of its own: no other way to kill it."""
-    # As in a terminal: a shell starts what runs in the background deaf to Ctrl-C, these tests perhaps among it.
+    # As in a terminal: a shell starts what runs in the background deaf to Ctrl-C, perhaps these tests too.
     hear = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     command = [sys.executable, "-c", f"{hear}; import sys; from jaxslam.cli import main; sys.exit(main())"]
     command += ["study", "plan.toml", "--storage", "hall.db", "--out", "out", *flags]

@@ -37,6 +37,9 @@ class Cloud:
     weights: Float64[np.ndarray, "n"]
     stamp: float
 
+    def __repr__(self) -> str:
+        return f"Cloud({len(self.particles)} particles after {len(self.estimates)} scans)"
+
 
 @dataclass(frozen=True)
 class LocalizationResult:
@@ -68,6 +71,17 @@ class LocalizationResult:
     odometry: Float64[np.ndarray, "T 3"]
     compile_s: float
     run_s: float
+
+    def __repr__(self) -> str:
+        found = f"converged after {self.converged_after_s:.3g} s" if self.agreed.any() else "not converged"
+        parts = [
+            f"{len(self.stamps)} scans",
+            found if self.converged or not self.agreed.any() else f"{found}, lost at the end",
+            f"{len(self.particles)} particles at the end",
+            f"{self.ms_per_scan:.3g} ms per scan",
+        ]
+        parts += [f"{len(self.warnings)} warnings"] if self.warnings else []
+        return f"LocalizationResult({', '.join(parts)})"
 
     @property
     def agreed(self) -> Bool[np.ndarray, "T"]:

@@ -112,27 +112,21 @@ def run_many(
     """
     filters = _filters(slam, configs)
     inputs = [prepared] if isinstance(prepared, PreparedInputs) else list(prepared)
-    count, seeds = len(filters), len(keys)
-    if seeds == 0 or len(inputs) not in (1, seeds):
-        raise ValueError(f"{seeds} keys and {len(inputs)} inputs: give one input, or one for each key")
+    if len(keys) == 0 or len(inputs) not in (1, len(keys)):
+        raise ValueError(f"{len(keys)} keys and {len(inputs)} inputs: give one input, or one for each key")
     if slam.mesh is not None:
         raise ValueError("the particles are spread over devices already: give run_many a filter on one")
     used = tuple(jax.devices() if devices is None else devices)
     together = together or (1 if used[0].platform == "cpu" else VMAPPED)
-    # Rows of the table of runs: configuration, key, input.
-    table = np.stack(np.meshgrid(np.arange(count), np.arange(seeds), indexing="ij"), axis=-1).reshape(-1, 2)
-    # However many runs there are, a call takes as many: another number compiles nothing.
-    per_call = len(used) * together
-    lengths = np.array([len(each.stamps) for each in inputs])
     over = _inputs(inputs)
     room = over.inputs.scan.ranges.shape[1]
-    _check_memory(slam, room, together, len(used), len(table) if maps else 0)
+    _check_memory(slam, room, together, len(used), len(filters) * len(keys) if maps else 0)
 
+    program = _program(used, together, room, maps)
     # By way of NumPy: Python's floats would be weakly typed, and compile a second program.
     stacked = jax.tree.map(
         lambda *leaves: jnp.asarray(np.stack([np.asarray(leaf) for leaf in leaves])), *filters
     )
-    program = _program(used, together, room, maps)
 
     def call(rows: Int[np.ndarray, "R 2"], over: "_Inputs") -> "_Outcome":
         chosen = jax.tree.map(lambda leaf: leaf[rows[:, 0]], stacked)
@@ -140,9 +134,8 @@ def run_many(
         outcome = program(_Runs(chosen, keys[rows[:, 1]], jnp.asarray(which, jnp.int32)), over)
         return jax.tree.map(np.asarray, outcome)
 
-    # The last call's free places repeat the first runs.
-    num_calls = -(-len(table) // per_call)
-    calls = np.resize(table, (num_calls, per_call, 2))
+    # However many runs there are, a call takes as many: another number compiles nothing.
+    calls = _calls(len(filters), len(keys), len(used) * together)
     started = time.perf_counter()
     # No step at all: what takes time is compiling, unless runs of the same sizes have been before.
     call(calls[0], dataclasses.replace(over, lengths=jnp.zeros_like(over.lengths)))
@@ -150,11 +143,29 @@ def run_many(
     started = time.perf_counter()
     outcomes = [call(rows, over) for rows in _shown(calls, progress)]
     run_s = time.perf_counter() - started
+    return _result(outcomes, np.broadcast_to(over.lengths, len(keys)), len(filters), compile_s, run_s)
 
-    longest = int(lengths.max())
-    outcome = jax.tree.map(lambda *parts: np.concatenate(parts)[: len(table)], *outcomes)
-    outcome = jax.tree.map(lambda rows: rows.reshape(count, seeds, *rows.shape[1:]), outcome)
-    ended = np.arange(longest) >= np.broadcast_to(lengths, seeds)[:, None]
+
+def _calls(num_configs: int, num_keys: int, per_call: int) -> Int[np.ndarray, "n R 2"]:
+    """Configuration and key of every run, so many to a call; the last one's free places repeat the first."""
+    table = np.stack(np.meshgrid(np.arange(num_configs), np.arange(num_keys), indexing="ij"), axis=-1)
+    num_calls = -(-num_configs * num_keys // per_call)
+    return np.resize(table.reshape(-1, 2), (num_calls, per_call, 2))
+
+
+def _result(
+    outcomes: "Sequence[_Outcome]",
+    lengths: Int[np.ndarray, "S"],
+    num_configs: int,
+    compile_s: float,
+    run_s: float,
+) -> ManyResult:
+    """What the calls left behind, by configuration and key, cut to the longest input."""
+    num_keys, longest = len(lengths), int(lengths.max())
+    laid_out = len(outcomes) * len(outcomes[0].path)
+    outcome = jax.tree.map(lambda *parts: np.concatenate(parts)[: num_configs * num_keys], *outcomes)
+    outcome = jax.tree.map(lambda rows: rows.reshape(num_configs, num_keys, *rows.shape[1:]), outcome)
+    ended = np.arange(longest) >= lengths[:, None]
     return ManyResult(
         trajectories=np.where(ended[None, :, :, None], np.float32(np.nan), outcome.path[:, :, :longest]),
         ess=outcome.ess[:, :, :longest],
@@ -163,8 +174,8 @@ def run_many(
         log_odds=outcome.log_odds,
         compile_s=compile_s,
         run_s=run_s,
-        scans_per_s=count * float(np.sum(~ended)) / run_s,
-        ms_per_scan=1e3 * run_s * len(used) * together / (calls[..., 0].size * float(lengths.mean())),
+        scans_per_s=num_configs * float(lengths.sum()) / run_s,
+        ms_per_scan=1e3 * run_s * len(outcomes[0].path) / (laid_out * float(lengths.mean())),
     )
 
 

@@ -35,6 +35,9 @@ class Snapshot:
     trajectory: Float64[np.ndarray, "t 3"]
     particles: Float64[np.ndarray, "N 3"]
 
+    def __repr__(self) -> str:
+        return f"Snapshot({len(self.particles)} particles after {len(self.trajectory)} scans)"
+
 
 @dataclass(frozen=True)
 class RunResult:

@@ -4,8 +4,10 @@ Every reader returns a `SensorLog`; nothing after it knows which file format it 
 seconds as float64 (float32 cannot hold a Unix time), sorted and finite.
 """
 
+import dataclasses
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int
@@ -164,6 +166,46 @@ class SensorLog:
         parts = [f"{len(track.stamps)} {unit}" for unit, track in tracks.items() if track is not None]
         parts += [f"{len(self.warnings)} warnings"] if self.warnings else []
         return f"SensorLog({self.path}: {', '.join(parts) or 'nothing'})"
+
+    def between(self, start: float, end: float) -> "SensorLog":
+        """The part of the log from one time to another, both included, with the stamps it has.
+
+        Args:
+            start: seconds since the first scan.
+            end: the same; infinity for all that follows.
+
+        Raises:
+            LogError: the log has no scan in that time.
+        """
+        if self.scans is None or not len(self.scans.stamps):
+            raise LogError(f"{self.path} has no scans: there is no time to count from")
+        first, last = self.scans.stamps[[0, -1]]
+        if not ((self.scans.stamps >= first + start) & (self.scans.stamps <= first + end)).any():
+            raise LogError(
+                f"{self.path} has no scan from {start} to {end} s: they go from 0 to {last - first:.1f} s"
+            )
+        tracks = {name: getattr(self, name) for name in ("odometry", "imu", "joints", "fixes", "scans")}
+        parts = {
+            name: _within(track, first + start, first + end)
+            for name, track in tracks.items()
+            if track is not None
+        }
+        return dataclasses.replace(self, **parts)
+
+
+_Track = TypeVar("_Track", OdometryTrack, ImuTrack, JointTrack, FixTrack, ScanTrack)
+_MOUNTINGS = ("rotation_base_imu", "pose_base_lidar")
+"""The arrays of a track that have no row for each stamp."""
+
+
+def _within(track: _Track, start: float, end: float) -> _Track:
+    kept = (track.stamps >= start) & (track.stamps <= end)
+    rows: dict[str, Any] = {
+        name: value[kept]
+        for name, value in vars(track).items()
+        if isinstance(value, np.ndarray) and name not in _MOUNTINGS
+    }
+    return dataclasses.replace(track, **rows)
 
 
 def _count(track: OdometryTrack | ImuTrack | JointTrack | FixTrack | ScanTrack, unit: str) -> str:

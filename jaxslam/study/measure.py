@@ -26,7 +26,7 @@ from jaxslam.run import poses_at_every_scan
 from jaxslam.settings import Scalar
 from jaxslam.sim import World, make_world, observable, simulate, to_log
 from jaxslam.study.objectives import Figures
-from jaxslam.study.plan import Plan, Source
+from jaxslam.study.plan import DRIVE, Plan, Source
 
 TOLERANCE = 0.1
 """A wall counts as found within so much, metres."""
@@ -72,13 +72,15 @@ def _loaded(source: Source) -> Loaded:
         world, waypoints = make_world(source.world)
         # Another key than the filters', which know nothing of the simulator's noise.
         key = jax.random.fold_in(jax.random.key(source.seed), 1)
-        simulation = simulate(key, world, waypoints, duration=float(source.duration))
+        simulation = simulate(key, world, waypoints, duration=float(source.duration or DRIVE))
         log = to_log(simulation, source.name, in_world_frame=True)
         assert log.scans is not None
         truth = np.asarray(simulation.scan_poses, np.float64)
         return Loaded(log, "sick", (log.scans.stamps, truth), world=world)
     assert source.log is not None
     log = read_log(source.log)
+    if source.duration is not None:
+        log = log.between(0.0, source.duration)
     return Loaded(
         log,
         detect_lidar(log).name,

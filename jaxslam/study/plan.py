@@ -22,8 +22,10 @@ HELD_OUT_SEEDS = 1000
 """The first of the seeds that are held out, unless the plan names some."""
 MOST_SEEDS = 10_000
 """More runs of one configuration are a slip of the pen."""
+DRIVE = 60.0
+"""Seconds of a simulated drive of which nothing else is said."""
 LONGEST = 86_400
-"""Seconds of a simulated drive; all of its scans are kept in memory."""
+"""Seconds of a drive; all of its scans are kept in memory."""
 _LARGEST_SEED = 2**32 - 1
 """Of larger ones `jax.random.key` takes the last 32 bits alone."""
 
@@ -38,7 +40,7 @@ class Source:
         relations: path of known relations, for a log.
         reference: path of a reference trajectory (TUM), for a log.
         world: of `jaxslam.sim.WORLDS`; None for a log.
-        duration: seconds driven in it.
+        duration: seconds driven in a world, 60 if not given; of a log the first so many, all if not given.
         seed: of the simulation's noise.
         lidar: preset; None lets the log's scans choose.
     """
@@ -48,7 +50,7 @@ class Source:
     relations: str | None = None
     reference: str | None = None
     world: str | None = None
-    duration: float = 60.0
+    duration: float | None = None
     seed: int = 0
     lidar: str | None = None
 
@@ -220,7 +222,7 @@ def _sources(tables: Any, name: str, folder: Path) -> tuple[Source, ...]:
             raise ValueError(f"{where}: give a log or a world")
         if "world" in table:
             _chosen([table["world"]], tuple(WORLDS), f"{where} world")
-        for key in ("relations", "reference") if "world" in table else ("duration", "seed"):
+        for key in ("relations", "reference") if "world" in table else ("seed",):
             if key in table:
                 reason = "a log; of a world the truth is known" if "world" in table else "a world"
                 raise ValueError(f"{where}: {key} is for {reason}")
@@ -230,7 +232,7 @@ def _sources(tables: Any, name: str, folder: Path) -> tuple[Source, ...]:
             raise ValueError(f"{where} name is {table['name']!r}: give text")
         if "lidar" in table:
             _chosen([table["lidar"]], tuple(PRESETS), f"{where} lidar")
-        duration = table.get("duration", 60.0)
+        duration = table.get("duration", DRIVE)
         if not (type(duration) in (int, float) and 0 < duration <= LONGEST):
             raise ValueError(
                 f"{where} duration is {duration!r}: give seconds, more than 0, at most {LONGEST}"

@@ -1,5 +1,6 @@
 """One reader for all: what goes where, and the summary of a log."""
 
+import dataclasses
 import gzip
 import shutil
 
@@ -130,3 +131,48 @@ def test_real_logs_are_summarised_in_a_hundred_columns(data_dir):
     for name in ("carmen/wean_robotdata1.clf.gz", "bags/turtlebot3_drive.mcap"):
         lines = summarise(read_log(data_dir / name)).splitlines()
         assert max(len(line) for line in lines[1:]) <= 100
+
+
+# --- a part of a log --------------------------------------------------------------------------
+
+
+def test_a_part_of_a_log_has_what_was_recorded_then(full_log):
+    part = full_log.between(0.1, 0.25)
+    for name in ("odometry", "imu", "joints", "fixes", "scans"):
+        np.testing.assert_array_equal(getattr(part, name).stamps, [0.1, 0.2])
+    np.testing.assert_array_equal(part.odometry.poses, full_log.odometry.poses[1:3])
+    np.testing.assert_array_equal(part.scans.ranges, full_log.scans.ranges[1:3])
+    assert part.scans.num_beams.tolist() == [4, 4]
+    # What is mounted stays where it is.
+    np.testing.assert_array_equal(part.scans.pose_base_lidar, full_log.scans.pose_base_lidar)
+    np.testing.assert_array_equal(part.imu.rotation_base_imu, np.eye(3))
+    assert part.joints.names == ("left", "right")
+    assert (part.path, part.warnings) == (full_log.path, full_log.warnings)
+
+
+def test_both_ends_of_a_part_belong_to_it(full_log):
+    np.testing.assert_array_equal(full_log.between(0.3, np.inf).scans.stamps, [0.3, 2.3])
+    # Times are counted from the first scan, whatever was recorded before it.
+    late = dataclasses.replace(full_log, scans=full_log.between(0.2, 3.0).scans)
+    np.testing.assert_array_equal(late.between(0.0, 0.0).odometry.stamps, [0.2])
+    without = dataclasses.replace(full_log, odometry=None)
+    assert without.between(0.0, 1.0).odometry is None
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "complaint"),
+    [
+        (0.5, 2.0, r"no scan from 0.5 to 2.0 s: they go from 0 to 2.3 s"),
+        (3.0, np.inf, "no scan from 3.0 to inf s"),
+        (0.3, 0.1, "no scan from 0.3 to 0.1 s"),
+        (np.nan, 1.0, "no scan from nan to 1.0 s"),
+    ],
+)
+def test_a_part_without_scans(full_log, start, end, complaint):
+    with pytest.raises(LogError, match=complaint):
+        full_log.between(start, end)
+
+
+def test_a_log_without_scans_has_no_parts(tmp_path):
+    with pytest.raises(LogError, match="has no scans"):
+        SensorLog(tmp_path).between(0.0, 1.0)

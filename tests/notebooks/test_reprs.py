@@ -11,8 +11,10 @@ from jaxslam.configuration import Configuration, build
 from jaxslam.fusion import Fused
 from jaxslam.inputs import Thinning, prepare_inputs
 from jaxslam.io.log import FixTrack, ImuTrack, JointTrack, OdometryTrack, ScanTrack, SensorLog
+from jaxslam.localization import AMCLInfo, Cluster
+from jaxslam.localize import Cloud, LocalizationResult
 from jaxslam.preparation import Prepared
-from jaxslam.run import RunResult
+from jaxslam.run import RunResult, Snapshot
 from jaxslam.slam import StepInfo
 
 STAMPS = 100.0 + 0.5 * np.arange(500)
@@ -63,6 +65,54 @@ def test_prepared_inputs_say_how_many_scans_are_left_and_how_far_the_robot_went(
     inputs = prepare_inputs(LOG, Thinning(min_translation=0.1))
     # Steps of 1.08 cm: every tenth is the first over 10 cm.
     assert repr(inputs) == "PreparedInputs(40 of 400 scans of 36 beams, odometry within 5.0 × 2.0 m)"
+
+
+def test_what_is_watched_says_where_it_is():
+    cloud = Cloud(POSES[:3], POSES[:20], np.full(20, 0.05), 101.0)
+    assert repr(cloud) == "Cloud(20 particles after 3 scans)"
+    snapshot = Snapshot(np.zeros((4, 4), np.int8), POSES[:6], POSES[:2])
+    assert repr(snapshot) == "Snapshot(2 particles after 6 scans)"
+
+
+@pytest.mark.parametrize(
+    ("agreed", "shown", "warned"),
+    [
+        (slice(0, 0), "not converged", ", 1 warnings"),
+        (slice(6, 100), "converged after 3 s", ""),
+        (slice(6, 50), "converged after 3 s, lost at the end", ", 1 warnings"),
+    ],
+)
+def test_a_localisation_tells_whether_it_found_the_robot(agreed, shown, warned):
+    converged = np.zeros(100, bool)
+    converged[agreed] = True
+    none = jnp.zeros(100, bool)
+    counts, numbers = jnp.zeros(100, jnp.int32), jnp.zeros(100)
+    infos = AMCLInfo(
+        estimate=Cluster(jnp.zeros((100, 3)), jnp.zeros((100, 3, 3)), numbers),
+        num_live=counts,
+        num_random=counts,
+        ess=numbers,
+        resampled=none,
+        converged=jnp.asarray(converged),
+        lost=none,
+        match_score=numbers,
+        flags=counts,
+    )
+    result = LocalizationResult(
+        stamps=STAMPS[:100],
+        estimates=POSES[:100],
+        covariances=np.zeros((100, 3, 3)),
+        all_stamps=STAMPS,
+        all_poses=POSES,
+        particles=POSES[:20],
+        weights=np.full(20, 0.05),
+        infos=infos,
+        odometry=POSES[:100],
+        compile_s=1.0,
+        run_s=0.25,
+    )
+    told = f"100 scans, {shown}, 20 particles at the end, 2.5 ms per scan{warned}"
+    assert repr(result) == f"LocalizationResult({told})"
 
 
 def test_what_is_prepared_tells_particles_maps_and_inputs():

@@ -230,7 +230,7 @@ def log(text):
         (log('reference = "no.tum"') + SPACE, "reference: .*no.tum is not there"),
         (log("relations = 3") + SPACE, "relations is 3: give a path as text"),
         (world('reference = "truth.tum"') + SPACE, "reference is for a log; of a world the truth is known"),
-        (log('reference = "truth.tum"\nduration = 5') + SPACE, "duration is for a world"),
+        (log('reference = "truth.tum"\nduration = -5') + SPACE, "duration is -5: give seconds, more than 0"),
         (log('reference = "truth.tum"\nseed = 5') + SPACE, "seed is for a world"),
         (log('reference = "truth.tum"\nrelations = "truth.tum"') + SPACE, "give relations or a reference"),
         (world("name = 3") + SPACE, "name is 3: give text"),

@@ -22,6 +22,17 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 # Two, so that what is spread over devices can be tested; all else stays on the first.
 jax.config.update("jax_num_cpu_devices", 2)
 
+# Tests compile for longer than they run: a rough draft of machine code does. The commands, notebooks and
+# experiments that they start are compiled as for users: for them there are other flags and another folder.
+_FLAGS = os.environ.get("XLA_FLAGS")
+os.environ["XLA_FLAGS"] = f"{_FLAGS or ''} --xla_backend_optimization_level=0"
+jax.devices()
+if _FLAGS is None:
+    del os.environ["XLA_FLAGS"]
+else:
+    os.environ["XLA_FLAGS"] = _FLAGS
+jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"] + "/drafts")
+
 # Every annotated function of the library checks its shapes and types while the tests run: the hook stays, so
 # that modules which `import jaxslam` does not load (viz, cli, run) are checked as well.
 # An int is good for a float, as everywhere in Python's typing (PEP 484, the numeric tower).

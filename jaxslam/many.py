@@ -123,15 +123,21 @@ def run_many(
     _check_memory(slam, room, together, len(used), len(filters) * len(keys) if maps else 0)
 
     program = _program(used, together, room, maps)
-    # By way of NumPy: Python's floats would be weakly typed, and compile a second program.
-    stacked = jax.tree.map(
-        lambda *leaves: jnp.asarray(np.stack([np.asarray(leaf) for leaf in leaves])), *filters
-    )
+    # In NumPy: to pick the rows of a call from JAX's arrays takes longer than a short run. And Python's
+    # floats would be weakly typed, and compile a second program.
+    stacked = jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *filters)
+    key_data, kind = np.asarray(jax.random.key_data(keys)), jax.random.key_impl(keys)
 
     def call(rows: Int[np.ndarray, "R 2"], over: "_Inputs") -> "_Outcome":
-        chosen = jax.tree.map(lambda leaf: leaf[rows[:, 0]], stacked)
-        which = rows[:, 1] if len(inputs) > 1 else np.zeros(len(rows), int)
-        outcome = program(_Runs(chosen, keys[rows[:, 1]], jnp.asarray(which, jnp.int32)), over)
+        config, index = rows[:, 0], rows[:, 1]
+        outcome = program(
+            _Runs(
+                slam=jax.tree.map(lambda leaf: leaf[config], stacked),
+                key=jax.random.wrap_key_data(key_data[index], impl=kind),
+                which=jnp.asarray(index if len(inputs) > 1 else np.zeros_like(index), jnp.int32),
+            ),
+            over,
+        )
         return jax.tree.map(np.asarray, outcome)
 
     # However many runs there are, a call takes as many: another number compiles nothing.

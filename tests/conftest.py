@@ -22,21 +22,29 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 # Two, so that what is spread over devices can be tested; all else stays on the first.
 jax.config.update("jax_num_cpu_devices", 2)
 
-# Tests compile for longer than they run: a rough draft of machine code does. The commands, notebooks and
-# experiments that they start are compiled as for users: for them there are other flags and another folder.
-_FLAGS = os.environ.get("XLA_FLAGS")
-os.environ["XLA_FLAGS"] = f"{_FLAGS or ''} --xla_backend_optimization_level=0"
-jax.devices()
-if _FLAGS is None:
-    del os.environ["XLA_FLAGS"]
-else:
-    os.environ["XLA_FLAGS"] = _FLAGS
-jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"] + "/drafts")
-
 # Every annotated function of the library checks its shapes and types while the tests run: the hook stays, so
 # that modules which `import jaxslam` does not load (viz, cli, run) are checked as well.
 # An int is good for a float, as everywhere in Python's typing (PEP 484, the numeric tower).
 install_import_hook("jaxslam", "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Tests compile for longer than they run: they get a rough draft of machine code, benchmarks do not.
+
+    The commands, notebooks and experiments that they start are compiled as for users.
+    """
+    if config.getoption("benchmark_only"):
+        return
+    flags = os.environ.get("XLA_FLAGS")
+    os.environ["XLA_FLAGS"] = f"{flags or ''} --xla_backend_optimization_level=0"
+    # XLA reads its flags once, here; what is started from here on shall not see them.
+    jax.devices()
+    if flags is None:
+        del os.environ["XLA_FLAGS"]
+    else:
+        os.environ["XLA_FLAGS"] = flags
+    # JAX tells programs apart by the flags that it sees: drafts need a folder of their own.
+    jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"] + "/drafts")
 
 
 @pytest.fixture(scope="session")

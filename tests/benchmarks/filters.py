@@ -29,10 +29,10 @@ MARGIN = 4.0
 
 
 @functools.cache
-def _log() -> SensorLog:
+def _log(duration: float) -> SensorLog:
     world, waypoints = make_world("hall_small")
     lidar = dataclasses.replace(sick(), num_beams=NUM_BEAMS)
-    simulation = simulate(jax.random.key(1), world, waypoints, lidar=lidar, duration=DURATION)
+    simulation = simulate(jax.random.key(1), world, waypoints, lidar=lidar, duration=duration)
     return to_log(simulation, "benchmark")
 
 
@@ -43,7 +43,7 @@ def _configuration(num_particles: int, method: str = "gmapping") -> Configuratio
 
 @functools.cache
 def _after_a_while() -> tuple[RBPF, RBPFState, StepInputs]:
-    prepared = prepare(_log(), _configuration(NUM_DISTINCT))
+    prepared = prepare(_log(DURATION), _configuration(NUM_DISTINCT))
     pose0 = jnp.asarray(prepared.inputs.pose0, jnp.float32)
     before, now = (
         jax.tree.map(lambda leaf, part=part: leaf[part], prepared.inputs.inputs) for part in (slice(-1), -1)
@@ -70,9 +70,9 @@ def running_filter(num_particles: int) -> tuple[RBPF, RBPFState, StepInputs]:
     return dataclasses.replace(slam, num_particles=num_particles), state, inputs
 
 
-def prepared_drive(method: str, num_particles: int) -> Prepared:
-    """A method's filter, and the whole drive as its inputs."""
-    return prepare(_log(), _configuration(num_particles, method))
+def prepared_drive(method: str, num_particles: int, duration: float = DURATION) -> Prepared:
+    """A method's filter, and a drive of so many seconds as its inputs."""
+    return prepare(_log(duration), _configuration(num_particles, method))
 
 
 def drive(method: str, num_particles: int) -> Program:

@@ -1,9 +1,12 @@
 """A study on a Dask cluster: workers pull trials from the same storage."""
 
 import logging
+import os
 import signal
 import threading
+import zlib
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from urllib.parse import urlparse
 
@@ -108,11 +111,39 @@ def _result(future) -> list[Told]:
         raise ValueError(f"workers die of it: {error}") from None
 
 
-class _DeafToInterrupts(WorkerPlugin):
-    """Ctrl-C reaches the workers of this machine as well: it is this process that stops them."""
+class _OneOfSeveral(WorkerPlugin):
+    """A worker of this machine, with its share of the cores.
+
+    One that has more than its share spreads single operations over them: two workers that do so are no
+    faster than one, with a core each they do twice as much.
+    """
+
+    def __init__(self, count: int):
+        self.count = count
 
     def setup(self, worker: Worker) -> None:
+        # Ctrl-C reaches it as well: it is the process which started it that stops it.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+        # Workers that take the place of one that died have other names.
+        index = worker.name if isinstance(worker.name, int) else zlib.crc32(str(worker.name).encode())
+        keep_to(share_of_cores(index, self.count))
+
+
+def share_of_cores(index: int, count: int) -> set[int]:
+    """Which of this process' cores one of so many workers has; all where there is no such choice."""
+    if not hasattr(os, "sched_getaffinity"):
+        return set(range(os.cpu_count() or 1))
+    cores = sorted(os.sched_getaffinity(0))
+    if count >= len(cores):
+        return {cores[index % len(cores)]}
+    return set(cores[index % count :: count])
+
+
+def keep_to(cores: set[int]) -> None:
+    """Keeps every thread of this process, and those that they start, to some cores; on Linux alone."""
+    for thread in Path("/proc/self/task").glob("*"):
+        with suppress(ProcessLookupError):
+            os.sched_setaffinity(int(thread.name), cores)
 
 
 def _host(cluster: str) -> str | None:
@@ -138,7 +169,7 @@ def _client(cluster: str, local: int | None) -> Client:
         client = Client(
             n_workers=local, threads_per_worker=1, dashboard_address=_ANY_PORT, silence_logs=logging.ERROR
         )
-        client.register_plugin(_DeafToInterrupts())
+        client.register_plugin(_OneOfSeveral(local))
         return client
     try:
         return Client(cluster, timeout=CONNECT)

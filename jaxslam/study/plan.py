@@ -113,7 +113,7 @@ def with_settings(configuration: Configuration, settings: Mapping[str, Scalar]) 
     return update(configuration, rest, exact=True)
 
 
-def read_plan(path: Path) -> Plan:
+def read_plan(path: str | Path) -> Plan:
     """Reads and checks a study.
 
     Raises:
@@ -121,6 +121,7 @@ def read_plan(path: Path) -> Plan:
             range, the space is empty, or nothing is there to measure by; one line.
         OSError: it cannot be read.
     """
+    path = Path(path)
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError:

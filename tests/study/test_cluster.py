@@ -11,7 +11,7 @@ import pytest
 from dask.distributed import Client, WorkerPlugin
 
 from jaxslam.study import cluster as module
-from jaxslam.study.cluster import run_on_cluster
+from jaxslam.study.cluster import run_on_cluster, share_of_cores
 from jaxslam.study.search import run_trials
 from tests.study.studies import FILTER, LOGS, SPACE, STUDY, plan_of, url_of
 
@@ -93,6 +93,33 @@ def test_workers_finish_a_study(tmp_path, cheap):
     assert len({each.values for each in told}) == 7
     # Nothing is left to be done, and nothing is done.
     assert go(plan, tmp_path, "local:1")[0] == []
+
+
+@pytest.mark.parametrize("cores", [1, 2, 5])
+@pytest.mark.parametrize("count", [1, 2, 3, 8])
+def test_workers_share_the_cores(monkeypatch, cores, count):
+    there = set(range(10, 10 + cores))
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: there, raising=False)
+    shares = [share_of_cores(index, count) for index in range(count)]
+    # None idle, none without, and as equal as can be.
+    assert set.union(*shares) == there
+    assert all(share <= there for share in shares)
+    assert max(map(len, shares)) - min(map(len, shares)) <= 1
+    if count <= cores:
+        assert sum(map(len, shares)) == cores
+    # One that takes the place of a dead worker has any number.
+    assert share_of_cores(1_000_003, count) in shares
+
+
+def test_a_worker_keeps_to_its_share(tmp_path):
+    if not hasattr(os, "sched_getaffinity"):
+        pytest.skip("this system does not tell which cores a process may use")
+    with module._client("local:2", 2) as client:
+        # Where a task runs, and not in the thread that was told.
+        found = [
+            client.submit(os.sched_getaffinity, 0, workers=[name], pure=False).result() for name in (0, 1)
+        ]
+    assert sorted(map(sorted, found)) == sorted(sorted(share_of_cores(index, 2)) for index in range(2))
 
 
 def test_a_worker_that_is_killed_loses_its_trial_only(tmp_path, cheap):

@@ -107,6 +107,8 @@ def test_what_is_taken_where_a_plan_says_nothing(tmp_path):
     assert plan.held_out == ()
     assert (plan.seeds, plan.held_out_seeds) == ((0, 1, 2), (1000, 1001, 1002))
     assert (plan.objectives, plan.sampler, plan.trials, plan.batch) == (("error",), "tpe", 50, 1)
+    # A path as text is one, too.
+    assert read_plan(str(tmp_path / "plan.toml")) == plan
 
 
 def test_seeds_held_out_are_others(tmp_path):

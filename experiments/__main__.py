@@ -8,6 +8,7 @@ from pathlib import Path
 from experiments.catalogue import EXPERIMENTS, FOLDER, REQUIRED, Experiment, chosen
 from experiments.page import PAGE, write_page
 from experiments.results import read_results
+from jaxslam.cli.entry import unread
 
 _BAD_INPUT = 2
 
@@ -29,6 +30,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _make_page()
         else:
             _list()
+    except BrokenPipeError:
+        return unread()
     except (ValueError, OSError) as error:
         return _complain(str(error))
     return 0

@@ -2,9 +2,11 @@
 
 import importlib
 import importlib.metadata
+import os
 import re
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 
 _EXTRAS = {
     "cli": ("tyro", "matplotlib", "PIL", "rosbags", "ruamel", "tqdm"),
@@ -17,6 +19,7 @@ _EXTRAS = {
 
 _BAD_INPUT = 2
 _INTERRUPTED = 130
+_UNREAD = 141
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -26,7 +29,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: without the program's name; None takes those of the process.
 
     Returns:
-        The exit code: 0, 2 for a wrong command line or data that cannot be used, 130 if interrupted.
+        The exit code: 0, 2 for a wrong command line or data that cannot be used, 130 if interrupted, 141 if
+        nobody reads the output any more.
     """
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     # Pipes and old consoles may not have the units' characters: better a mark than no output.
@@ -38,6 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("\njaxslam: interrupted", file=sys.stderr)
         return _INTERRUPTED
+    except BrokenPipeError:
+        return unread()
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
         extra = next((name for name, modules in _EXTRAS.items() if missing in modules), None)
@@ -70,6 +76,18 @@ def _dispatch(arguments: Sequence[str]) -> int:
     module = importlib.import_module(f"jaxslam.cli.{name}")
     module.execute(command, list(arguments))
     return 0
+
+
+def unread() -> int:
+    """For a command whose output is cut off, as by `head`: that is no error to complain of.
+
+    Returns:
+        The exit code of one that the system ends for it.
+    """
+    # What is still in the buffer would be tried once more at the end, and complained of.
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return _UNREAD
 
 
 def _complain(message: str) -> int:

@@ -3,9 +3,11 @@
 import gzip
 import json
 import math
+import os
 import subprocess
 import sys
 import tomllib
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -261,6 +263,25 @@ def test_interrupt(monkeypatch, capsys, log_file):
     monkeypatch.setattr("jaxslam.cli.run.execute", interrupt)
     assert main(["run", str(log_file)]) == 130
     assert capsys.readouterr().err.strip() == "jaxslam: interrupted"
+
+
+@pytest.mark.parametrize(("module", "command"), [("jaxslam.cli", "config"), ("experiments.__main__", "list")])
+def test_output_that_nobody_reads(module, command):
+    """As of `jaxslam config | head -1`."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    program = f"import sys; from {module} import main; sys.exit(main(['{command}']))"
+    root = Path(__file__).parents[2]
+    done = subprocess.run(
+        [sys.executable, "-u", "-c", program],
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=root,
+        check=False,
+    )
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, "")
 
 
 @pytest.mark.parametrize("module", ["tyro", "matplotlib"])

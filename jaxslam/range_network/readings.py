@@ -126,6 +126,9 @@ def read_readings_csv(path: Path) -> Readings:
             f"{path}: no column {' nor '.join(missing)} in its first line ({', '.join(header)}): "
             f"give the columns {' and '.join(_COLUMNS)}, metres"
         )
+    twice = [name for name in _COLUMNS if header.count(name) > 1]
+    if twice:
+        raise ValueError(f"{path}: two columns {twice[0]} in its first line: which one is meant?")
     places = [header.index(name) for name in _COLUMNS]
     numbers = [_row(path, line, row, places) for line, row in rows[1:]]
     if not numbers:
@@ -186,6 +189,9 @@ def _with_returns(name: str, true: Float64[np.ndarray, "M"], measured: Float64[n
 
 
 def _number(text: str) -> float | None:
+    # Python reads `2_0` as 20, where a table means something else, or nothing.
+    if "_" in text:
+        return None
     try:
         return float(text)
     except ValueError:

@@ -103,6 +103,11 @@ def test_a_row_that_ends_early_is_a_lost_reading(table):
         (TABLE + "2.0,far\n", "line 5: measured_m is 'far', which is no number"),
         (TABLE + "\n\n2.0,1.9\ntwo,2.0\n", "line 8: true_m is 'two', which is no number"),
         (TABLE + "2,0;2,01\n", "line 5: measured_m is '0;2', which is no number"),
+        (TABLE + "2_0,2.0\n", "line 5: true_m is '2_0', which is no number"),
+        (
+            "true_m,measured_m,True_m\n1,1,2\n",
+            "two columns true_m in its first line: which one is meant?",
+        ),
         (TABLE + ",2.0\n", "line 5: true_m is '', which is no number"),
         (TABLE + "nan,2.0\n", "line 5: true_m is nan: give metres, more than 0"),
         (TABLE + "\ninf,2.0\n", "line 6: true_m is inf: give metres, more than 0"),

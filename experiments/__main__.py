@@ -23,16 +23,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit code: 0, or 2 for what cannot be done, with a line on stderr.
     """
     given = _parse(arguments)
-    if given.command == "run":
-        return _run(given)
     try:
+        if given.command == "run":
+            return _run(given)
         if given.command == "page":
             _make_page()
         else:
             _list()
     except BrokenPipeError:
         return unread()
-    except (ValueError, OSError) as error:
+    except OSError as error:
+        return _complain(str(error))
+    except ValueError as error:
+        # Of an experiment itself it would be a mistake of ours, to be seen in full.
+        if given.command == "run":
+            raise
         return _complain(str(error))
     return 0
 

@@ -149,7 +149,8 @@ def _apart(work: Callable[[Cell], Arrays], cell: Cell) -> Arrays:
 
 
 def _keep(folder: Path, cell: Cell, arrays: Arrays) -> None:
-    # The settings last: without them the arrays do not count.
+    # The settings last: without them the arrays do not count, nor do those of before while these are written.
+    (folder / f"{cell.name}.json").unlink(missing_ok=True)
     np.savez_compressed(folder / f"{cell.name}.npz", **arrays)  # type: ignore[arg-type]
     (folder / f"{cell.name}.json").write_text(json.dumps(_record(cell), indent=1, default=str) + "\n")
 

@@ -6,9 +6,11 @@ from collections.abc import Callable, Sequence
 import jax
 import numpy as np
 
-from experiments.harness import Options
+from experiments.harness import Cell, Options
 from jaxslam.preparation import Prepared
+from jaxslam.report import versions
 from jaxslam.run import run_log
+from jaxslam.settings import flatten
 
 
 def milliseconds_per_scan(
@@ -24,16 +26,22 @@ def milliseconds_per_scan(
         options: where to, and whether from anew.
     """
     path = options.out / "raw" / "times.json"
+    ready = {name: prepare(name) for name in names}
+    # Times of other settings, or of another drive, are those of other filters.
+    settings = {
+        name: {**flatten(prepared.slam), "scans": len(prepared.inputs.stamps)}
+        for name, prepared in ready.items()
+    }
+    cell = Cell("times", {"methods": settings, "versions": versions()})
     if path.exists() and not options.fresh:
         kept = json.loads(path.read_text())
-        if set(kept) == set(names):
-            return kept
-    ready = {name: prepare(name) for name in names}
+        if kept.get("digest") == cell.digest:
+            return kept["times"]
     taken: dict[str, list[float]] = {name: [] for name in names}
     # The first round compiles.
     for _ in range(1 + (1 if options.smoke else 5)):
         for name, prepared in ready.items():
             taken[name].append(run_log(prepared.slam, jax.random.key(0), prepared.inputs).ms_per_scan)
     times = {name: float(np.median(values[1:])) for name, values in taken.items()}
-    path.write_text(json.dumps(times, indent=1) + "\n")
+    path.write_text(json.dumps({"digest": cell.digest, "times": times}, indent=1) + "\n")
     return times

@@ -1,5 +1,6 @@
 """The particles of one filter spread over several devices: each keeps the maps of its own."""
 
+import os
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
@@ -12,12 +13,21 @@ PARTICLES = "particles"
 """Name of the mesh's axis."""
 
 
+def cores() -> set[int]:
+    """The cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return os.sched_getaffinity(0)
+    return set(range(os.cpu_count() or 1))
+
+
 def particle_mesh(num_particles: int, devices: Sequence[jax.Device]) -> Mesh | None:
     """Devices for equal shares of the particles; None for a single one, which needs no mesh.
 
     Raises:
         ValueError: the particles cannot be shared out equally.
     """
+    if not devices:
+        raise ValueError("there is no device to spread the particles over: give one or more")
     if num_particles % len(devices):
         raise ValueError(
             f"{num_particles} particles cannot be shared out equally over {len(devices)} devices: "

@@ -18,7 +18,7 @@ from jaxslam.chunks import padded, steps
 from jaxslam.compiler import compiler_options
 from jaxslam.flags import Flag
 from jaxslam.inputs import PreparedInputs
-from jaxslam.memory import physical_memory
+from jaxslam.memory import memory_of, physical_memory
 from jaxslam.sensor.field import window_rows
 from jaxslam.settings import flatten, update
 from jaxslam.slam.rbpf import RBPF, trajectory
@@ -100,12 +100,13 @@ def run_many(
         prepared: what all runs go over; or one for each key, as simulations of several seeds are.
         maps: keep the best particle's map of every run.
         together: how many runs are vmapped on a device. None: 1 on a CPU, 16 on others.
-        devices: to spread the runs over; None takes all of the default backend.
+        devices: to spread the runs over; None takes all of the default backend, of a CPU as many as there
+            is memory for.
         progress: show a progress bar on stderr (needs tqdm).
 
     Raises:
         ValueError: a name that no setting has, or one of a size or a choice, on which the program depends;
-            lists of different length; a value out of range; more memory than there is.
+            lists of different length; a value out of range; no device; more memory than there is.
 
     Example:
         64 configurations and 10 keys are 640 runs: `trajectories` is `[64, 10, T, 3]`.
@@ -117,10 +118,15 @@ def run_many(
     if slam.mesh is not None:
         raise ValueError("the particles are spread over devices already: give run_many a filter on one")
     used = tuple(jax.devices() if devices is None else devices)
+    if not used or (together is not None and together < 1):
+        raise ValueError(f"{len(used)} devices, {together} runs together: give one or more of each")
     together = together or (1 if used[0].platform == "cpu" else VMAPPED)
     over = _inputs(inputs)
     room = over.inputs.scan.ranges.shape[1]
-    _check_memory(slam, room, together, len(used), len(filters) * len(keys) if maps else 0)
+    kept_maps = len(filters) * len(keys) if maps else 0
+    if devices is None:
+        used = _that_fit(slam, room, together, used, kept_maps)
+    _check_memory(slam, room, together, used, kept_maps)
 
     program = _program(used, together, room, maps)
     # In NumPy: to pick the rows of a call from JAX's arrays takes longer than a short run. And Python's
@@ -327,9 +333,30 @@ def bytes_needed(slam: RBPF, num_steps: int, *, together: int, num_devices: int,
     return float(num_devices * together * slam.num_particles * particle + kept_maps * cells)
 
 
-def _check_memory(slam: RBPF, num_steps: int, together: int, num_devices: int, kept_maps: int) -> None:
-    needed = bytes_needed(slam, num_steps, together=together, num_devices=num_devices, kept_maps=kept_maps)
-    available = physical_memory()
+def _that_fit(
+    slam: RBPF, num_steps: int, together: int, devices: tuple[jax.Device, ...], kept_maps: int
+) -> tuple[jax.Device, ...]:
+    """So many of the devices as their memory is enough for, at least one."""
+    if devices[0].platform != "cpu":
+        return devices
+    alone, both = (
+        bytes_needed(slam, num_steps, together=together, num_devices=count, kept_maps=kept_maps)
+        for count in (1, 2)
+    )
+    spare = physical_memory() - alone
+    return devices[: 1 + int(min(max(spare / (both - alone), 0.0), len(devices)))]
+
+
+def _check_memory(
+    slam: RBPF, num_steps: int, together: int, devices: tuple[jax.Device, ...], kept_maps: int
+) -> None:
+    # Those of a CPU share its memory, others have some of their own.
+    own = devices[0].platform != "cpu"
+    num_devices = 1 if own else len(devices)
+    needed = bytes_needed(
+        slam, num_steps, together=together, num_devices=num_devices, kept_maps=0 if own else kept_maps
+    )
+    available = memory_of(devices[0]) if own else physical_memory()
     if needed > available:
         height, width = slam.grid.height, slam.grid.width
         raise ValueError(

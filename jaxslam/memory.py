@@ -4,6 +4,8 @@ import math
 import os
 from pathlib import Path
 
+import jax
+
 _LIMIT = Path("/sys/fs/cgroup/memory.max")
 """What a container may use, on Linux."""
 
@@ -15,6 +17,11 @@ def physical_memory() -> float:
         return math.inf
     installed = float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
     return min(installed, _container_limit())
+
+
+def memory_of(device: jax.Device) -> float:
+    """Bytes that JAX may use of a device's own memory; infinite where it does not tell."""
+    return float((device.memory_stats() or {}).get("bytes_limit", math.inf))
 
 
 def _container_limit() -> float:

@@ -1,6 +1,7 @@
 """Many runs in one program are the runs that `run_log` makes, one by one."""
 
 import dataclasses
+from unittest.mock import Mock
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +10,7 @@ import pytest
 
 from jaxslam.grid import GridSpec, OccupancyModel
 from jaxslam.inputs import PreparedInputs, Thinning, prepare_inputs
-from jaxslam.many import ManyResult, _program, bytes_needed, run_many
+from jaxslam.many import ManyResult, _check_memory, _program, _that_fit, bytes_needed, run_many
 from jaxslam.motion import OdometryMotion
 from jaxslam.proposal import MotionProposal
 from jaxslam.resampling import AdaptiveResampling, SystematicResampler
@@ -179,8 +180,40 @@ def test_bad_inputs(slam, prepared, monkeypatch):
     with pytest.raises(ValueError, match="spread over devices already"):
         run_many(slam.spread_over(jax.devices()), KEYS, None, prepared)
     monkeypatch.setattr("jaxslam.many.physical_memory", lambda: 1e5)
-    with pytest.raises(ValueError, match=r"2 runs at once of 4 maps .* GB .* 0.0001 GB there are"):
+    with pytest.raises(ValueError, match=r"1 runs at once of 4 maps .* GB .* 0.0001 GB there are"):
         run_many(slam, KEYS, None, prepared)
+    with pytest.raises(ValueError, match=r"2 runs at once of 4 maps"):
+        run_many(slam, KEYS, None, prepared, devices=jax.devices()[:2])
+
+
+def test_neither_devices_nor_runs_together_may_be_none(slam, prepared):
+    with pytest.raises(ValueError, match="0 devices, None runs together: give one or more of each"):
+        run_many(slam, KEYS, None, prepared, devices=[])
+    for together in (0, -1):
+        with pytest.raises(ValueError, match=f"2 devices, {together} runs together"):
+            run_many(slam, KEYS, None, prepared, together=together)
+    with pytest.raises(ValueError, match="no device to spread the particles over"):
+        slam.spread_over([])
+
+
+@pytest.mark.parametrize(("room", "count"), [(0.5, 1), (1.0, 1), (1.9, 1), (2.1, 2), (4.5, 4), (99.0, 8)])
+def test_as_many_devices_as_there_is_memory_for(slam, monkeypatch, room, count):
+    alone = bytes_needed(slam, 64, together=2, num_devices=1, kept_maps=0)
+    monkeypatch.setattr("jaxslam.many.physical_memory", lambda: room * alone)
+    eight = tuple(jax.devices()[:1]) * 8
+    assert len(_that_fit(slam, 64, 2, eight, 0)) == count
+
+
+def test_devices_with_memory_of_their_own_are_asked_for_it(slam):
+    accelerator = Mock(spec=jax.devices()[0], platform="gpu")
+    accelerator.memory_stats.return_value = {"bytes_limit": 1e5}
+    several = (accelerator,) * 4
+    assert _that_fit(slam, 64, 1, several, 0) == several
+    # Maps that are kept for the result are in main memory.
+    with pytest.raises(
+        ValueError, match=r"1 runs at once of 4 maps .* 1000 maps kept, .* 0.0001 GB there are"
+    ):
+        _check_memory(slam, 64, 1, several, 1000)
 
 
 @pytest.mark.parametrize("together", [1, 3])

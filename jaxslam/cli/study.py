@@ -1,13 +1,13 @@
 """`jaxslam study CONFIG.toml`."""
 
 import dataclasses
-import os
 from contextlib import suppress
 from pathlib import Path
 
 import jax
 
 from jaxslam.cli.arguments import Study
+from jaxslam.devices import cores
 from jaxslam.report import make_folder
 from jaxslam.study import (
     OBJECTIVES,
@@ -24,7 +24,7 @@ from jaxslam.study import (
     with_lidars,
     write_report,
 )
-from jaxslam.study.report import SHOWN, counts, importance_table, trial_table
+from jaxslam.study.report import SHOWN, cell, counts, importance_table, trial_table
 from jaxslam.study.storage import complaints, connect, shown
 
 
@@ -70,8 +70,9 @@ def execute(command: Study, arguments: list[str]) -> None:
 
 def _spread_runs(plan: Plan) -> None:
     """Over the cores: those of a trial, or of a batch; a worker of a cluster has its own."""
-    # More devices than runs would repeat some.
-    devices = min(os.cpu_count() or 1, plan.batch * len(plan.seeds))
+    # More devices than runs would repeat some. Where time is told, configurations run one by one.
+    runs = len(plan.seeds) * (1 if "time" in plan.objectives else plan.batch)
+    devices = min(len(cores()), runs)
     # JAX has begun where this is called from Python: then it stays as it is.
     with suppress(RuntimeError):
         jax.config.update("jax_num_cpu_devices", devices)
@@ -93,7 +94,7 @@ def _describe(plan: Plan, storage: str, before: int) -> None:
 
 
 def _say(store: Store, told: Told) -> None:
-    settings = " ".join(f"{name}={_short(value)}" for name, value in told.settings.items())
+    settings = " ".join(f"{name}={cell(value)}" for name, value in told.settings.items())
     outcome = f"failed: {told.values}" if isinstance(told.values, str) else _numbers(told.values)
     print(f"trial {told.number:<4}{outcome}   {settings}   ({told.seconds:.1f} s)", flush=True)
 
@@ -118,10 +119,6 @@ def _cells(outcome: list[float] | str, count: int) -> list[str]:
 
 def _numbers(values: tuple[float, ...]) -> str:
     return " ".join(f"{value:.4g}" for value in values)
-
-
-def _short(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _listed(seeds: tuple[int, ...]) -> str:

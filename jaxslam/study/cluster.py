@@ -12,6 +12,7 @@ from urllib.parse import urlparse
 
 from dask.distributed import Client, KilledWorker, Worker, WorkerPlugin, as_completed
 
+from jaxslam.devices import cores
 from jaxslam.study.interrupts import Interrupts
 from jaxslam.study.plan import Plan
 from jaxslam.study.search import Told, check_hope, keep_programs, run_batch
@@ -130,20 +131,18 @@ class _OneOfSeveral(WorkerPlugin):
 
 
 def share_of_cores(index: int, count: int) -> set[int]:
-    """Which of this process' cores one of so many workers has; all where there is no such choice."""
-    if not hasattr(os, "sched_getaffinity"):
-        return set(range(os.cpu_count() or 1))
-    cores = sorted(os.sched_getaffinity(0))
-    if count >= len(cores):
-        return {cores[index % len(cores)]}
-    return set(cores[index % count :: count])
+    """Which of this process' cores one of so many workers has."""
+    there = sorted(cores())
+    if count >= len(there):
+        return {there[index % len(there)]}
+    return set(there[index % count :: count])
 
 
-def keep_to(cores: set[int]) -> None:
+def keep_to(share: set[int]) -> None:
     """Keeps every thread of this process, and those that they start, to some cores; on Linux alone."""
     for thread in Path("/proc/self/task").glob("*"):
         with suppress(ProcessLookupError):
-            os.sched_setaffinity(int(thread.name), cores)
+            os.sched_setaffinity(int(thread.name), share)
 
 
 def _host(cluster: str) -> str | None:

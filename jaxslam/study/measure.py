@@ -19,7 +19,7 @@ from jaxslam.io import Relations, SensorLog, read_log, read_relations, read_tum
 from jaxslam.many import ManyResult, run_many
 from jaxslam.metrics import BinaryMap, map_score
 from jaxslam.preparation import Prepared, prepare
-from jaxslam.presets import detect_lidar
+from jaxslam.presets import PRESETS, LidarPreset, detect_lidar
 from jaxslam.report.accuracy import reference_error, relation_figures
 from jaxslam.report.folder import occupancy_probability
 from jaxslam.run import poses_at_every_scan
@@ -42,14 +42,14 @@ class Loaded:
 
     Attributes:
         log: what is mapped.
-        lidar: name of the preset.
+        lidar: name of the preset, or what the scans tell of one that is none.
         reference: stamps and poses; None for a log without.
         relations: None for a source without.
         world: None for a log.
     """
 
     log: SensorLog
-    lidar: str
+    lidar: str | LidarPreset
     reference: tuple[Float64[np.ndarray, "M"], Float64[np.ndarray, "M 3"]] | None = None
     relations: Relations | None = None
     world: World | None = None
@@ -81,9 +81,10 @@ def _loaded(source: Source) -> Loaded:
     log = read_log(source.log)
     if source.duration is not None:
         log = log.between(0.0, source.duration)
+    lidar = detect_lidar(log)
     return Loaded(
         log,
-        detect_lidar(log).name,
+        lidar.name if lidar.name in PRESETS else lidar,
         None if source.reference is None else read_tum(Path(source.reference)),
         None if source.relations is None else read_relations(source.relations),
     )
@@ -133,8 +134,10 @@ def measure(
         try:
             result = run_many(first.slam, keys, filters, first.inputs, maps="map" in plan.objectives)
         except (ValueError, jax.errors.JaxRuntimeError) as error:
+            # XLA's may go on for pages.
+            reason = str(error).strip().partition("\n")[0]
             for index, _ in members:
-                found[index] = TrialError(str(error))
+                found[index] = TrialError(reason)
             continue
         for row, (index, prepared) in enumerate(members):
             try:

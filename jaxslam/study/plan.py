@@ -11,7 +11,7 @@ from typing import Any
 
 from jaxslam import toml
 from jaxslam.configuration import Configuration
-from jaxslam.presets import PRESETS, lidar_preset
+from jaxslam.presets import PRESETS, LidarPreset, lidar_preset
 from jaxslam.settings import Scalar, update
 from jaxslam.sim.worlds import WORLDS
 from jaxslam.study.objectives import OBJECTIVES
@@ -42,7 +42,7 @@ class Source:
         world: of `jaxslam.sim.WORLDS`; None for a log.
         duration: seconds driven in a world, 60 if not given; of a log the first so many, all if not given.
         seed: of the simulation's noise.
-        lidar: preset; None lets the log's scans choose.
+        lidar: name of a preset, or what the scans tell of one that is none; None lets them choose.
     """
 
     name: str
@@ -52,7 +52,7 @@ class Source:
     world: str | None = None
     duration: float | None = None
     seed: int = 0
-    lidar: str | None = None
+    lidar: str | LidarPreset | None = None
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Plan:
         objectives: names in `OBJECTIVES`, all minimised.
         sampler: of `SAMPLERS`.
         sampler_seed: of its random numbers.
-        trials: how many in all.
+        trials: how many in all; sessions that share a study may each run a batch more.
         batch: trials that are asked for at a time; those of one program run together.
     """
 
@@ -87,14 +87,15 @@ class Plan:
     trials: int = 50
     batch: int = 1
 
-    def configuration(self, settings: Mapping[str, Scalar], lidar: str | None = None) -> Configuration:
+    def configuration(
+        self, settings: Mapping[str, Scalar], lidar: str | LidarPreset | None = None
+    ) -> Configuration:
         """The base with the settings of a trial.
 
         Raises:
             ValueError: one of them is out of range.
         """
-        start = Configuration() if lidar is None else Configuration().with_lidar(lidar_preset(lidar))
-        return with_settings(with_settings(start, self.base), settings)
+        return with_settings(with_settings(starting_with(lidar), self.base), settings)
 
     def described(self) -> dict[str, Any]:
         """All that makes the values of two trials comparable, as JSON has it."""
@@ -102,6 +103,18 @@ class Plan:
         for name in ("sampler", "sampler_seed", "trials", "batch", "held_out", "held_out_seeds"):
             del kept[name]
         return json.loads(json.dumps(kept))
+
+
+def starting_with(lidar: str | LidarPreset | Mapping[str, Any] | None) -> Configuration:
+    """The defaults with a lidar: its name, or the preset itself, also as JSON has it."""
+    if lidar is None:
+        return Configuration()
+    if isinstance(lidar, str):
+        lidar = lidar_preset(lidar)
+    elif isinstance(lidar, Mapping):
+        # JSON has no tuples.
+        lidar = LidarPreset(**{k: tuple(v) if isinstance(v, list) else v for k, v in lidar.items()})
+    return Configuration().with_lidar(lidar)
 
 
 def with_settings(configuration: Configuration, settings: Mapping[str, Scalar]) -> Configuration:
@@ -148,7 +161,11 @@ def _plan(tables: dict[str, Any], path: Path) -> Plan:
         raise ValueError(f"study.name is {name!r}: give text that can be the name of a file")
     base = _base(study, _table(tables, "filter"), path.parent)
     seeds = _seeds(given["seeds"], 0, "study.seeds")
-    held_out_seeds = _seeds(given["held_out_seeds"], HELD_OUT_SEEDS, "study.held_out_seeds")
+    first = max(HELD_OUT_SEEDS, *(seed + 1 for seed in seeds))
+    held_out_seeds = _seeds(given["held_out_seeds"], first, "study.held_out_seeds")
+    if set(seeds) & set(held_out_seeds):
+        both = ", ".join(map(str, sorted(set(seeds) & set(held_out_seeds))))
+        raise ValueError(f"study.held_out_seeds has {both}, tuned on as well: give others")
     objectives = _chosen(given["objectives"], tuple(OBJECTIVES), "study.objectives")
     [sampler] = _chosen([given["sampler"]], SAMPLERS, "study.sampler")
     if sampler == "cma-es" and len(objectives) > 1:

@@ -15,11 +15,9 @@ from matplotlib.ticker import MaxNLocator
 from optuna.trial import FrozenTrial, TrialState
 
 from jaxslam import toml
-from jaxslam.configuration import Configuration
-from jaxslam.presets import lidar_preset
 from jaxslam.settings import Scalar
 from jaxslam.study.objectives import OBJECTIVES
-from jaxslam.study.plan import with_settings
+from jaxslam.study.plan import starting_with, with_settings
 from jaxslam.study.storage import Store, failure
 from jaxslam.viz import style
 
@@ -44,7 +42,7 @@ class Summary:
         objectives: their names.
         complete: trials with values, best first (by the first objective).
         failed: trials without, and why.
-        lost: how many trials were left behind by processes that were killed.
+        lost: how many trials were left behind by processes that were killed, or are in flight.
         front: those of `complete` than which none is better in all objectives; of one objective, the best.
         importances: for every objective the share of its variance by parameter; empty where too few trials
             are there to tell.
@@ -86,7 +84,7 @@ def summarise(store: Store, objectives: Sequence[str]) -> Summary:
 
 def trial_table(summary: Summary, count: int | None = None) -> str:
     """The trials as a Markdown table, best first; those of the front are marked."""
-    names = list(dict.fromkeys(name for trial in summary.complete for name in trial.params))
+    names = _names(summary)
     front = {trial.number for trial in summary.front}
     labels = [OBJECTIVES[name].label for name in summary.objectives]
     lines = [
@@ -96,7 +94,7 @@ def trial_table(summary: Summary, count: int | None = None) -> str:
     for trial in summary.complete[:count]:
         mark = " *" if trial.number in front else ""
         cells = [f"{value:.4g}" for value in trial.values]
-        cells += [_cell(trial.params[name]) if name in trial.params else "" for name in names]
+        cells += [cell(trial.params[name]) if name in trial.params else "" for name in names]
         lines.append(f"| {trial.number}{mark} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
@@ -169,8 +167,7 @@ def write_configuration(path: Path, plan: dict[str, Any], settings: dict[str, Sc
 
     A lidar that is not tuned is left out: the log chooses. One that is, is that of the first source.
     """
-    start, lidar = Configuration(), plan["sources"][0]["lidar"]
-    start = start if lidar is None else start.with_lidar(lidar_preset(lidar))
+    start = starting_with(plan["sources"][0]["lidar"])
     configuration = with_settings(with_settings(start, plan["base"]), settings)
     tuned_lidar = any(name.startswith("lidar.") for name in {**plan["base"], **settings})
     path.write_text(toml.dumps(configuration, without=None if tuned_lidar else "lidar"), encoding="utf-8")
@@ -269,7 +266,7 @@ def draw_parallel(figure: Figure, summary: Summary) -> None:
 
 
 def _names(summary: Summary) -> list[str]:
-    """Of all parameters that any trial has, in the order of the space."""
+    """Of all parameters that any trial has, those of the best first."""
     return list(dict.fromkeys(name for trial in summary.complete for name in trial.params))
 
 
@@ -294,7 +291,7 @@ def _column(values: Sequence[Scalar], log: bool | None = None) -> tuple[list[flo
         numbers = np.log(numbers) if log or (log is None and _is_wide(values)) else numbers
         span = numbers.max() - numbers.min()
         heights = ((numbers - numbers.min()) / span if span > 0 else 0.5 + 0 * numbers).tolist()
-    ticks = dict(zip(heights, map(_cell, values), strict=True))
+    ticks = dict(zip(heights, map(cell, values), strict=True))
     shown = ticks if len(ticks) <= _MOST_TICKS else {end: ticks[end] for end in (min(ticks), max(ticks))}
     return heights, shown
 
@@ -367,5 +364,6 @@ def _importances(study: optuna.Study, index: int) -> dict[str, float]:
             return {}
 
 
-def _cell(value: Scalar) -> str:
+def cell(value: Scalar) -> str:
+    """A setting as tables and messages have it."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -7,6 +7,7 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import Any
 
 from jaxslam.configuration import METHODS, Configuration
@@ -14,7 +15,8 @@ from jaxslam.settings import KIND, Scalar, flatten, update
 
 METHOD = "method"
 VALUES_OF_A_SIZE = 5
-"""A number on which the program depends takes so many values, unless the space has a step for it."""
+"""A number on which the program depends takes so many values, unless the space has a step for it, or a
+logarithmic scale."""
 
 
 @dataclass(frozen=True)
@@ -133,12 +135,12 @@ class Space:
         return next(choice for choice in choices if parameter.name in flatten(_chosen(base, choice)))
 
     def with_steps(self, is_size: Callable[[Parameter], bool]) -> "Space":
-        """The same with `VALUES_OF_A_SIZE` values where a number decides the program and has no step."""
+        """The same with `VALUES_OF_A_SIZE` values where a number on an even scale decides the program."""
 
         def limited(parameter: Parameter) -> Parameter:
             if parameter.choices or parameter.step is not None or parameter.log or not is_size(parameter):
                 return parameter
-            step = (parameter.high - parameter.low) / (VALUES_OF_A_SIZE - 1)
+            step = float((_exact(parameter.high) - _exact(parameter.low)) / (VALUES_OF_A_SIZE - 1))
             if parameter.whole:
                 step = max(1, math.ceil(step))
             return dataclasses.replace(parameter, step=step, high=_last(parameter.low, parameter.high, step))
@@ -190,7 +192,13 @@ def _parameter(name: str, table: Any, known: Mapping[str, Scalar]) -> Parameter:
 
 def _last(low: float, high: float, step: float) -> float:
     """The last value of an interval that is whole steps from its first."""
-    return low + int((high - low) / step + 1e-9) * step
+    last = _exact(low) + (_exact(high) - _exact(low)) // _exact(step) * _exact(step)
+    return int(last) if isinstance(low, int) and isinstance(step, int) else float(last)
+
+
+def _exact(number: float) -> Decimal:
+    """As it is written: in binary ten times 0.1 is not 1, and the end of an interval would be lost."""
+    return Decimal(str(number))
 
 
 def _combinations(parts: Sequence[Parameter]) -> Iterator[dict[str, Scalar]]:

@@ -88,7 +88,7 @@ def test_everything_that_a_plan_may_say(folder, monkeypatch):
             (
                 Parameter("sensor.sigma_hit", (), 0.02, 0.3, None, True),
                 Parameter("map.radius", (3, 6)),
-                Parameter("motion.rotation_floor", (), 0.01, 0.01 + 9 * 0.01, 0.01),
+                Parameter("motion.rotation_floor", (), 0.01, 0.1, 0.01),
             )
         ),
         objectives=("heading", "time"),
@@ -112,8 +112,9 @@ def test_what_is_taken_where_a_plan_says_nothing(tmp_path):
 
 
 def test_seeds_held_out_are_others(tmp_path):
-    plan = plan_of(tmp_path, "[study]\nseeds = 1000\nheld_out_seeds = 1000")
-    assert not set(plan.seeds) & set(plan.held_out_seeds)
+    for seeds in ("1000", "1500", "[1000, 1001, 1002]", "[7, 2000]"):
+        plan = plan_of(tmp_path, f"[study]\nseeds = {seeds}\nheld_out_seeds = 1000")
+        assert len(set(plan.held_out_seeds) - set(plan.seeds)) == 1000
 
 
 def test_the_filter_is_of_the_method_then_the_file_then_the_table(folder):
@@ -213,6 +214,7 @@ def log(text):
         # `jax.random.key` would take its last 32 bits, which are those of 0.
         (f"[study]\nseeds = [0, 4294967296]\n{LOGS}{SPACE}", "seeds is .* 0 to 4294967295"),
         (f"[study]\nseeds = [1, 1]\n{LOGS}{SPACE}", "the same seed is the same run"),
+        (f"[study]\nheld_out_seeds = [9, 2]\n{LOGS}{SPACE}", "held_out_seeds has 2, tuned on as well"),
         (f'[study]\nheld_out_seeds = "a"\n{LOGS}{SPACE}', "held_out_seeds is 'a': give how many"),
         (f'[study]\nobjectives = "error"\n{LOGS}{SPACE}', "objectives is 'error': give a list with some of"),
         (f"[study]\nobjectives = []\n{LOGS}{SPACE}", r"objectives is \[\]: give a list"),

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import optuna
 import pytest
 from optuna.trial import FixedTrial
 
@@ -63,6 +64,7 @@ def test_an_interval_of_a_whole_setting_has_whole_values():
         ("num_particles", {"low": 5, "high": 60, "step": 10}, 55, 6),
         # 0.3 - 0.1 is 0.19999999999999998, less than two steps.
         ("sensor__sigma_hit", {"low": 0.1, "high": 0.3, "step": 0.1}, 0.3, 3),
+        ("sensor__sigma_hit", {"low": 0.1, "high": 1.0, "step": 0.3}, 1.0, 4),
     ],
 )
 def test_steps_end_on_a_step(name, table, last, count):
@@ -156,6 +158,21 @@ def test_sizes_get_a_few_values_and_nothing_else_does():
     assert by_name["sensor.sigma_hit"].step is None
     assert len(values_of(by_name["map.margin"])) == VALUES_OF_A_SIZE
     assert list(values_of(by_name["num_particles"])) == [3, 28, 53, 78]
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "step"), [(0.05, 0.2, None), (0.1, 1.0, 0.3), (0.0, 0.3, 0.1), (0.1, 0.7, None)]
+)
+def test_the_last_value_of_an_interval_is_drawn(low, high, step):
+    """By Optuna, which counts in decimals: an end that is off in its last binary place would be cut away."""
+    parameter = Parameter("map.resolution", (), low, high, step)
+    if step is None:
+        [parameter] = Space((parameter,)).with_steps(lambda _: True).parameters
+    study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=0))
+    drawn = {parameter.suggest(study.ask()) for _ in range(200)}
+    assert min(drawn) == pytest.approx(low)
+    assert max(drawn) == pytest.approx(high)
+    assert len(drawn) == len(values_of(parameter))
 
 
 @pytest.mark.parametrize("span", range(1, 12))

@@ -113,7 +113,8 @@ def starting_with(lidar: str | LidarPreset | Mapping[str, Any] | None) -> Config
         lidar = lidar_preset(lidar)
     elif isinstance(lidar, Mapping):
         # JSON has no tuples.
-        lidar = LidarPreset(**{k: tuple(v) if isinstance(v, list) else v for k, v in lidar.items()})
+        known: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in lidar.items()}
+        lidar = LidarPreset(**known)
     return Configuration().with_lidar(lidar)
 
 

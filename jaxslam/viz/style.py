@@ -12,6 +12,9 @@ PARTICLES = "#CC79A7"
 SCAN = "#009E73"
 NEUTRAL = "#666666"
 
+_CROWDED = 10_000
+"""Points of an axes."""
+
 
 def axes_or_current(ax: Axes | None) -> Axes:
     """The given axes, or pyplot's current ones: the only place that may touch a GUI backend."""
@@ -42,8 +45,18 @@ def curve_axes(ax: Axes, x_label: str, y_label: str) -> None:
 
 def add_legend(ax: Axes) -> None:
     """A legend if anything has a label."""
-    if ax.get_legend_handles_labels()[1]:
-        ax.legend(frameon=True, framealpha=0.9, edgecolor="0.85", fontsize="small", fancybox=False)
+    if not ax.get_legend_handles_labels()[1]:
+        return
+    # To look for the place where it hides the least takes seconds then, and matplotlib warns of it.
+    crowded = sum(len(line.get_xdata()) for line in ax.lines) > _CROWDED
+    ax.legend(
+        loc="upper left" if crowded else "best",
+        frameon=True,
+        framealpha=0.9,
+        edgecolor="0.85",
+        fontsize="small",
+        fancybox=False,
+    )
 
 
 def _frame(ax: Axes) -> None:

@@ -3,8 +3,10 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 
 from jaxslam.viz import plot_errors, plot_ess, plot_live_particles
+from jaxslam.viz.style import add_legend
 
 
 @pytest.fixture
@@ -131,3 +133,19 @@ def test_bad_ess_is_one_clear_line(ax):
         plot_ess(np.ones(2), 30, np.array([True]), ax)
     with pytest.raises(ValueError, match="num_particles is 0"):
         plot_ess(np.ones(2), 0, ax=ax)
+
+
+@pytest.mark.parametrize(("count", "place"), [(100, "best"), (20_000, "upper left")])
+def test_a_legend_is_not_looked_a_place_for_among_many_points(count, place):
+    """matplotlib warns of what that costs, on a busy machine only."""
+    ax = Figure().subplots()
+    ax.plot(np.zeros(count), np.zeros(count), ".", label="readings")
+    add_legend(ax)
+    assert ax.get_legend()._loc == Legend.codes[place]
+
+
+def test_nothing_with_a_label_has_no_legend():
+    ax = Figure().subplots()
+    ax.plot([0.0, 1.0], [0.0, 1.0])
+    add_legend(ax)
+    assert ax.get_legend() is None

@@ -4,6 +4,7 @@ Colours are Okabe and Ito's, which stay apart for colour-blind readers; every cu
 line style or marker. Nothing here touches matplotlib's global settings.
 """
 
+import numpy as np
 from matplotlib.axes import Axes
 
 ESTIMATE = "#0072B2"
@@ -48,7 +49,7 @@ def add_legend(ax: Axes) -> None:
     if not ax.get_legend_handles_labels()[1]:
         return
     # To look for the place where it hides the least takes seconds then, and matplotlib warns of it.
-    crowded = sum(len(line.get_xdata()) for line in ax.lines) > _CROWDED
+    crowded = sum(np.size(line.get_xdata()) for line in ax.lines) > _CROWDED
     ax.legend(
         loc="upper left" if crowded else "best",
         frameon=True,

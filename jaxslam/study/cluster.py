@@ -6,6 +6,7 @@ import signal
 import threading
 import zlib
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from pathlib import Path
 from urllib.parse import urlparse
@@ -64,7 +65,8 @@ def run_on_cluster(
         on_trial: called here for every trial that ends.
 
     Raises:
-        ValueError: the cluster cannot be reached, or not with this storage, or the first trials all fail.
+        ValueError: the cluster cannot be reached, goes away, or does not go with this storage; the first
+            trials all fail.
     """
     check_cluster(cluster, url)
     with _client(cluster, _local_workers(cluster)) as client, Interrupts() as interrupts:
@@ -110,6 +112,11 @@ def _result(future) -> list[Told]:
         return future.result()
     except KilledWorker as error:
         raise ValueError(f"workers die of it: {error}") from None
+    except CancelledError:
+        # Nobody else cancels.
+        raise ValueError(
+            "the scheduler is gone: start the study again when there is one, what was told is kept"
+        ) from None
 
 
 class _OneOfSeveral(WorkerPlugin):

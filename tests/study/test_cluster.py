@@ -8,11 +8,12 @@ from pathlib import Path
 
 import dask
 import pytest
-from dask.distributed import Client, WorkerPlugin
+from dask.distributed import Client, LocalCluster, WorkerPlugin
 
 from jaxslam.study import cluster as module
 from jaxslam.study.cluster import run_on_cluster, share_of_cores
 from jaxslam.study.search import run_trials
+from jaxslam.study.storage import open_study
 from tests.study.studies import FILTER, LOGS, SPACE, STUDY, plan_of, url_of
 
 
@@ -165,6 +166,19 @@ def test_a_scheduler_elsewhere_on_this_machine_may_share_a_file(tmp_path, cheap)
         assert len(told) == 3
         # It is not ours to close.
         assert there.submit(lambda: 3).result() == 3
+
+
+def test_a_scheduler_that_goes_away_ends_the_study_in_one_line(tmp_path, cheap):
+    cheap()
+    plan = plan_of(tmp_path, trials=50)
+    with (
+        LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0") as there,
+        pytest.raises(ValueError, match="the scheduler is gone: start") as caught,
+    ):
+        go(plan, tmp_path, there.scheduler_address, lambda store, told: there.close())
+    assert "\n" not in str(caught.value)
+    # What was told stays.
+    assert 1 <= len(open_study(plan, url_of(tmp_path)).finished()) < 50
 
 
 def test_the_values_are_those_without_a_cluster(tmp_path):

@@ -298,7 +298,7 @@ def _column(values: Sequence[Scalar], log: bool | None = None) -> tuple[list[flo
 
 def _is_wide(values: Sequence[Any]) -> bool:
     """Whether some are so much larger that the others would look equal."""
-    return min(values) > 0 and max(values) > _WIDE * float(np.median(values))
+    return bool(min(values) > 0 and max(values) > _WIDE * np.median(values))
 
 
 def _draw_importances(figure: Figure, summary: Summary) -> None:

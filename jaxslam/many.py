@@ -174,7 +174,6 @@ def _result(
 ) -> ManyResult:
     """What the calls left behind, by configuration and key, cut to the longest input."""
     num_keys, longest = len(lengths), int(lengths.max())
-    laid_out = len(outcomes) * len(outcomes[0].path)
     outcome = jax.tree.map(lambda *parts: np.concatenate(parts)[: num_configs * num_keys], *outcomes)
     outcome = jax.tree.map(lambda rows: rows.reshape(num_configs, num_keys, *rows.shape[1:]), outcome)
     ended = np.arange(longest) >= lengths[:, None]
@@ -187,7 +186,7 @@ def _result(
         compile_s=compile_s,
         run_s=run_s,
         scans_per_s=num_configs * float(lengths.sum()) / run_s,
-        ms_per_scan=1e3 * run_s * len(outcomes[0].path) / (laid_out * float(lengths.mean())),
+        ms_per_scan=1e3 * run_s / (len(outcomes) * float(lengths.mean())),
     )
 
 

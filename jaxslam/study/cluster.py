@@ -132,7 +132,7 @@ class _OneOfSeveral(WorkerPlugin):
     def setup(self, worker: Worker) -> None:
         # Ctrl-C reaches it as well: it is the process which started it that stops it.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        # Workers that take the place of one that died have other names.
+        # Dask numbers those that it starts; a name of another kind gets any share.
         index = worker.name if isinstance(worker.name, int) else zlib.crc32(str(worker.name).encode())
         keep_to(share_of_cores(index, self.count))
 

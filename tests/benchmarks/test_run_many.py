@@ -36,6 +36,7 @@ def test_one_after_another(benchmark, prepared):
     keys = jax.random.split(jax.random.key(0), NUM_KEYS)
     filters = [update(prepared.slam, {"sensor.sigma_hit": value}) for value in VALUES[:NUM_ALONE]]
     first = run_log(filters[0], keys[0], prepared.inputs)
+    assert np.isfinite(first.trajectory).all()
     benchmark.group = "many runs"
     benchmark.pedantic(
         lambda: [run_log(slam, key, prepared.inputs) for slam in filters for key in keys], rounds=NUM_ROUNDS

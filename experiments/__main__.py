@@ -8,7 +8,7 @@ from pathlib import Path
 from experiments.catalogue import EXPERIMENTS, FOLDER, REQUIRED, Experiment, chosen
 from experiments.page import PAGE, write_page
 from experiments.results import read_results
-from jaxslam.cli.entry import unread
+from jaxslam.cli.main import unread
 
 _BAD_INPUT = 2
 

@@ -6,12 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 
+from jaxslam.core import se2
 from jaxslam.grid import GridSpec
-from jaxslam.io import relative_poses
 from jaxslam.metrics import BinaryMap, map_score
-from jaxslam.preparation import Prepared
+from jaxslam.pipeline.prepare import Prepared
+from jaxslam.pipeline.run import RunResult
 from jaxslam.report.folder import occupancy_probability
-from jaxslam.run import RunResult
 from jaxslam.sim import World, observable
 
 MARGIN = 17.0
@@ -40,7 +40,7 @@ def pose_errors(
     truth: Float64[np.ndarray, "T 3"], estimate: Float64[np.ndarray, "T 3"]
 ) -> tuple[Float64[np.ndarray, "T"], Float64[np.ndarray, "T"]]:
     """How far an estimate is off at every step, metres, and how much it is turned, radians."""
-    error = relative_poses(truth, estimate)
+    error = se2.relative(truth, estimate)
     return np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2])
 
 

@@ -3,9 +3,9 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from jaxslam.configuration import Configuration
-from jaxslam.presets import PRESETS
-from jaxslam.settings import update
+from jaxslam.config.dotted import update
+from jaxslam.config.lidar_presets import PRESETS
+from jaxslam.config.slam import SlamConfig
 
 ODOMETRY_NOISE: dict[str, Any] = {
     "motion.translation_floor": 0.005,
@@ -25,7 +25,7 @@ class Method:
 
     Attributes:
         title: for people.
-        method: of `jaxslam.configuration.METHODS`.
+        method: of `jaxslam.config.slam.METHODS`.
         particles: how many.
         changes: settings that differ from the method's defaults.
         lidar: preset.
@@ -37,8 +37,8 @@ class Method:
     changes: dict[str, Any] = field(default_factory=dict)
     lidar: str = "sick"
 
-    def configuration(self) -> Configuration:
+    def configuration(self) -> SlamConfig:
         """The whole filter."""
-        base = Configuration(num_particles=self.particles).with_lidar(PRESETS[self.lidar])
+        base = SlamConfig(num_particles=self.particles).with_lidar(PRESETS[self.lidar])
         chosen = update(base.with_method(self.method), ODOMETRY_NOISE, exact=True)
         return update(chosen, self.changes, exact=True)

@@ -7,10 +7,10 @@ import jax
 import numpy as np
 
 from experiments.harness import Cell, Options
-from jaxslam.preparation import Prepared
+from jaxslam.config.dotted import flatten
+from jaxslam.pipeline.prepare import Prepared
+from jaxslam.pipeline.run import run_log
 from jaxslam.report import versions
-from jaxslam.run import run_log
-from jaxslam.settings import flatten
 
 
 def milliseconds_per_scan(

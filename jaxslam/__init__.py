@@ -1,50 +1,70 @@
-"""Vectorised Rao-Blackwellized particle-filter SLAM for 2D lidar, in JAX.
+"""Vectorized Rao-Blackwellized particle-filter SLAM for 2D lidar, in JAX.
 
-The names of a first session are here; every other one is in the subpackage that it belongs to. Importing
-this needs jax, equinox, numpy and jaxtyping only: pictures (`jaxslam.viz`) and the command line
-(`jaxslam.cli`) are imported by name, and files that need another library import it when they are opened.
+The names of a first session are here; every other name is in the package it belongs to. Importing `jaxslam`
+costs nothing: each name is loaded when it is first used (PEP 562).
 """
 
-from importlib.metadata import version
+import importlib
+from typing import TYPE_CHECKING
 
-from jaxslam import grid, io, lidar, matching, metrics, motion, proposal, resampling, se2, sensor, sim, slam
-from jaxslam.flags import Flag
-from jaxslam.grid import GridSpec, OccupancyModel
-from jaxslam.inputs import PreparedInputs, Thinning, prepare_inputs
-from jaxslam.io import LogError, SensorLog, read_log
-from jaxslam.slam import RBPF, RBPFState, StepInfo, trajectory
-from jaxslam.types import LidarScan, OdometryIncrement, StepInputs
+if TYPE_CHECKING:
+    from jaxslam.config.localization import LocalizationConfig as LocalizationConfig
 
-__version__ = version("jaxslam")
+_HOMES = {
+    "Flag": "core.flags",
+    "GridSpec": "grid.spec",
+    "LidarScan": "core.types",
+    "LocalizationConfig": "config.localization",
+    "LogError": "io.log",
+    "RBPF": "slam.rbpf",
+    "RunResult": "pipeline.run",
+    "SensorLog": "io.log",
+    "SlamConfig": "config.slam",
+    "StepInputs": "core.types",
+    "Thinning": "config.thinning",
+    "prepare": "pipeline.prepare",
+    "read_log": "io.reader",
+    "run_log": "pipeline.run",
+    "run_many": "pipeline.many",
+}
+"""Module of each name, below `jaxslam`."""
 
-__all__ = [
-    "RBPF",
-    "Flag",
-    "GridSpec",
-    "LidarScan",
-    "LogError",
-    "OccupancyModel",
-    "OdometryIncrement",
-    "PreparedInputs",
-    "RBPFState",
-    "SensorLog",
-    "StepInfo",
-    "StepInputs",
-    "Thinning",
-    "__version__",
-    "grid",
+_PACKAGES = (
     "io",
+    "grid",
     "lidar",
-    "matching",
-    "metrics",
     "motion",
-    "prepare_inputs",
-    "proposal",
-    "read_log",
-    "resampling",
-    "se2",
     "sensor",
-    "sim",
+    "matching",
+    "proposal",
+    "resampling",
     "slam",
-    "trajectory",
-]
+    "localization",
+    "fusion",
+    "range_network",
+    "metrics",
+    "sim",
+    "viz",
+    "study",
+)
+
+__all__ = sorted([*_HOMES, *_PACKAGES])
+
+
+def __getattr__(name: str) -> object:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("jaxslam")
+    if name in _HOMES:
+        value = getattr(importlib.import_module(f"jaxslam.{_HOMES[name]}"), name)
+    elif name in _PACKAGES:
+        value = importlib.import_module(f"jaxslam.{name}")
+    else:
+        raise AttributeError(f"module 'jaxslam' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

@@ -21,7 +21,7 @@ from experiments.harness import (
 )
 from experiments.method import Method
 from experiments.timing import milliseconds_per_scan
-from jaxslam.settings import flatten
+from jaxslam.config.dotted import flatten
 
 QUESTION = "Does a Gaussian proposal keep the map of a roadway straight, and can a robot localise in it?"
 WORLD = "roadway"

@@ -12,19 +12,20 @@ from experiments.coal_mine.mapping import drive
 from experiments.coal_mine.methods import MAPPED
 from experiments.harness import Arrays, Cell, stack_seeds
 from experiments.measures import on_the_worlds_grid, true_map
-from jaxslam.configuration import correct_scans
-from jaxslam.inputs import prepare_inputs
+from jaxslam.config.lidar_presets import PRESETS
+from jaxslam.config.localization import LocalizationConfig
+from jaxslam.core.types import StepInputs
 from jaxslam.io import OccupancyMap
 from jaxslam.localization import AMCL, AMCLInfo, run
-from jaxslam.localization_configuration import LocalizationConfiguration, build_localizer
-from jaxslam.preparation import prepare
-from jaxslam.presets import PRESETS
+from jaxslam.pipeline.build import build_localizer
+from jaxslam.pipeline.inputs import prepare_inputs
+from jaxslam.pipeline.prepare import prepare
+from jaxslam.pipeline.run import run_log
+from jaxslam.preprocess.ranges import correct_scans
 from jaxslam.report.folder import occupancy_probability
-from jaxslam.run import run_log
 from jaxslam.sim import to_log
-from jaxslam.types import StepInputs
 
-CONFIGURATION = LocalizationConfiguration().with_lidar(PRESETS["vlp-16"])
+CONFIGURATION = LocalizationConfig().with_lidar(PRESETS["vlp-16"])
 MAPPING = MAPPED["optimised-15"]
 """What builds the map."""
 FOUND_WITHIN, FOUND_WITHIN_RADIANS = 0.5, np.deg2rad(10.0)

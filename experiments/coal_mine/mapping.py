@@ -15,10 +15,10 @@ from experiments.measures import (
     pose_errors,
     wall_and_free_iou,
 )
-from jaxslam.preparation import Prepared, prepare
-from jaxslam.run import RunResult, run_log
-from jaxslam.sensor import field_of_map
-from jaxslam.sensor.raycast import cast
+from jaxslam.grid import field_of_map
+from jaxslam.grid.raycast import cast
+from jaxslam.pipeline.prepare import Prepared, prepare
+from jaxslam.pipeline.run import RunResult, run_log
 from jaxslam.sim import Simulation, World, cast_rays, make_world, simulate, to_log, vlp16_ring
 
 NUM_BEAMS = 450

@@ -15,10 +15,10 @@ from experiments.method import ODOMETRY_NOISE, Method
 from experiments.range_network.devices import Quality, device, network
 from jaxslam.io.log import OdometryTrack
 from jaxslam.metrics import BinaryMap, loop_closed, match_features
-from jaxslam.preparation import Prepared, prepare
+from jaxslam.pipeline.prepare import Prepared, prepare
+from jaxslam.pipeline.run import RunResult, run_log
 from jaxslam.range_network import RangeNetwork
 from jaxslam.report.folder import occupancy_probability
-from jaxslam.run import RunResult, run_log
 from jaxslam.sim import (
     Corridor,
     Lidar,

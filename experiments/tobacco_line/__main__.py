@@ -16,7 +16,7 @@ from experiments.timing import milliseconds_per_scan
 from experiments.tobacco_line.figures import DRAWN, draw_clouds, draw_errors, draw_halls
 from experiments.tobacco_line.methods import ABLATION, COMPARED, EQUAL, evaluations
 from experiments.tobacco_line.runs import METHODS, drive, run_cell
-from jaxslam.settings import flatten
+from jaxslam.config.dotted import flatten
 
 QUESTION = "Do 15 particles of the improved filter do what 30 of the traditional one do?"
 WORLDS = ("hall_small", "hall_large")

@@ -12,8 +12,8 @@ from experiments.measures import (
     wall_and_free_iou,
 )
 from experiments.tobacco_line.methods import ABLATION, COMPARED, EQUAL
-from jaxslam.preparation import Prepared, prepare
-from jaxslam.run import run_log
+from jaxslam.pipeline.prepare import Prepared, prepare
+from jaxslam.pipeline.run import run_log
 from jaxslam.sim import World, make_world, simulate, to_log
 
 METHODS = {**COMPARED, **ABLATION, **EQUAL}

@@ -1,5 +1,5 @@
 """The `jaxslam` command."""
 
-from jaxslam.cli.entry import main
+from jaxslam.cli.main import main
 
 __all__ = ["main"]

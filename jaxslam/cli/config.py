@@ -1,19 +1,19 @@
 """`jaxslam config`."""
 
-from jaxslam import toml
 from jaxslam.cli.arguments import Config
-from jaxslam.cli.effective import Whole, effective_configuration
-from jaxslam.configuration import Configuration
-from jaxslam.localization_configuration import LocalizationConfiguration
-from jaxslam.presets import PRESETS
+from jaxslam.config import toml
+from jaxslam.config.lidar_presets import PRESETS
+from jaxslam.config.localization import LocalizationConfig
+from jaxslam.config.resolve import Whole, effective_configuration
+from jaxslam.config.slam import SlamConfig
 
 
 def execute(command: Config, arguments: list[str]) -> None:
     """Prints the effective configuration as TOML."""
     if not command.localization:
-        _print(command, Configuration(), "num_particles")
+        _print(command, SlamConfig(), "num_particles")
     elif command.method is None:
-        _print(command, LocalizationConfiguration(), "max_particles")
+        _print(command, LocalizationConfig(), "max_particles")
     else:
         raise ValueError("--method is of the filter that maps, and --localization of the one that localises")
 

@@ -8,13 +8,13 @@ import numpy as np
 from jaxtyping import Float64, Int8
 
 from jaxslam.cli.arguments import Demo
-from jaxslam.cli.effective import effective_configuration
-from jaxslam.cli.mapping import check_seed, map_log, network_origin, print_summary, read_network
-from jaxslam.configuration import Configuration
+from jaxslam.cli.common import check_seed, map_log, network_origin, print_summary, read_network
+from jaxslam.config.lidar_presets import PRESETS
+from jaxslam.config.resolve import effective_configuration
+from jaxslam.config.slam import SlamConfig
 from jaxslam.grid.spec import GridSpec
 from jaxslam.metrics import BinaryMap, map_score
-from jaxslam.preparation import prepare
-from jaxslam.presets import PRESETS
+from jaxslam.pipeline.prepare import prepare
 from jaxslam.report import make_folder, reference_error, trajectory_figures, versions, write_run
 from jaxslam.report.folder import occupancy_probability
 from jaxslam.sim import World, make_world, observable, simulate, to_log
@@ -30,7 +30,7 @@ def execute(command: Demo, arguments: list[str]) -> None:
     network = read_network(command.range_network)
     world, waypoints = make_world(command.world)
     configuration = effective_configuration(
-        Configuration(),
+        SlamConfig(),
         config=None,
         lidar="sick",
         method=command.method,

@@ -6,13 +6,15 @@ import numpy as np
 from jaxtyping import Float64
 
 from jaxslam.cli.arguments import Fuse
-from jaxslam.cli.mapping import warn, warn_if_assumed
-from jaxslam.fusion import EKF, Fused, FusionSettings, fuse_tracks
+from jaxslam.cli.common import warn, warn_if_assumed
+from jaxslam.config.fusion import FusionSettings
+from jaxslam.fusion import EKF, Fused
 from jaxslam.io import LogError, read_log, write_tum
 from jaxslam.io.gps import east_north
 from jaxslam.io.log import SensorLog
-from jaxslam.io.wheels import wheel_odometry
 from jaxslam.metrics import absolute_trajectory_error
+from jaxslam.pipeline.fusion import fuse_tracks
+from jaxslam.preprocess.wheels import wheel_odometry
 from jaxslam.report import file_sha256, make_folder, versions
 from jaxslam.report.folder import write_json
 

@@ -1,10 +1,11 @@
 """`jaxslam info LOG`."""
 
 from jaxslam.cli.arguments import Info
-from jaxslam.cli.mapping import describe_timing
-from jaxslam.configuration import LidarSettings, correct_scans
+from jaxslam.cli.common import describe_timing
+from jaxslam.config.lidar import LidarSettings
+from jaxslam.config.lidar_presets import detect_lidar
 from jaxslam.io import read_log, summarise
-from jaxslam.presets import detect_lidar
+from jaxslam.preprocess.ranges import correct_scans
 
 
 def execute(command: Info, arguments: list[str]) -> None:

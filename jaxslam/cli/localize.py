@@ -8,8 +8,7 @@ import jax
 import numpy as np
 
 from jaxslam.cli.arguments import Localize
-from jaxslam.cli.effective import effective_configuration
-from jaxslam.cli.mapping import (
+from jaxslam.cli.common import (
     check_seed,
     network_origin,
     read_network,
@@ -17,14 +16,17 @@ from jaxslam.cli.mapping import (
     warn,
     warn_if_unmounted,
 )
-from jaxslam.configuration import correct_scans
-from jaxslam.inputs import prepare_inputs
+from jaxslam.config.lidar_presets import detect_lidar
+from jaxslam.config.localization import LocalizationConfig
+from jaxslam.config.resolve import effective_configuration
 from jaxslam.io import OccupancyMap, SensorLog, read_log, read_map
 from jaxslam.localization import AMCL
-from jaxslam.localization_configuration import LocalizationConfiguration, build_localizer, require_memory
-from jaxslam.localize import Cloud, LocalizationResult, localize_log, start_at
+from jaxslam.localization.start import start_at
 from jaxslam.metrics import TrajectoryError
-from jaxslam.presets import detect_lidar
+from jaxslam.pipeline.build import build_localizer, require_memory
+from jaxslam.pipeline.inputs import prepare_inputs
+from jaxslam.pipeline.localize import Cloud, LocalizationResult, localize_log
+from jaxslam.preprocess.ranges import correct_scans
 from jaxslam.report import default_folder, file_sha256, make_folder, reference_error, versions
 from jaxslam.report.localization import animate_clouds, write_localization
 
@@ -43,7 +45,7 @@ def execute(command: Localize, arguments: list[str]) -> None:
     warn_if_unmounted(log)
     reference = read_reference(command.reference, log) if command.reference is not None else None
     configuration = effective_configuration(
-        LocalizationConfiguration(),
+        LocalizationConfig(),
         config=command.config,
         lidar=command.lidar,
         flags={"max_particles": command.particles},

@@ -4,8 +4,7 @@ import dataclasses
 import shlex
 
 from jaxslam.cli.arguments import Run
-from jaxslam.cli.effective import effective_configuration
-from jaxslam.cli.mapping import (
+from jaxslam.cli.common import (
     check_seed,
     map_log,
     network_origin,
@@ -16,10 +15,12 @@ from jaxslam.cli.mapping import (
     warn_if_assumed,
     warn_if_unmounted,
 )
-from jaxslam.configuration import Configuration
+from jaxslam.config.lidar_presets import detect_lidar
+from jaxslam.config.resolve import effective_configuration
+from jaxslam.config.slam import SlamConfig
 from jaxslam.io import SensorLog, read_log, read_relations
-from jaxslam.preparation import prepare
-from jaxslam.presets import detect_lidar
+from jaxslam.pipeline.prepare import prepare
+from jaxslam.pipeline.run import RunResult
 from jaxslam.report import (
     default_folder,
     file_sha256,
@@ -30,7 +31,6 @@ from jaxslam.report import (
     versions,
     write_run,
 )
-from jaxslam.run import RunResult
 
 _FEW_RELATIONS = 0.9
 """A log that holds a smaller share of the relations may be another one, or a part."""
@@ -42,7 +42,7 @@ def execute(command: Run, arguments: list[str]) -> None:
     network = read_network(command.range_network)
     log = _read(command)
     configuration = effective_configuration(
-        Configuration(),
+        SlamConfig(),
         config=command.config,
         lidar=command.lidar,
         method=command.method,

@@ -7,7 +7,6 @@ from pathlib import Path
 import jax
 
 from jaxslam.cli.arguments import Study
-from jaxslam.devices import cores
 from jaxslam.report import make_folder
 from jaxslam.study import (
     OBJECTIVES,
@@ -26,6 +25,7 @@ from jaxslam.study import (
 )
 from jaxslam.study.report import SHOWN, cell, counts, importance_table, trial_table
 from jaxslam.study.storage import complaints, connect, shown
+from jaxslam.xla.sharding import cores
 
 
 def execute(command: Study, arguments: list[str]) -> None:
@@ -43,7 +43,7 @@ def execute(command: Study, arguments: list[str]) -> None:
     connect(url)
     if command.cluster is not None:
         # Dask is an extra of its own.
-        from jaxslam.study.cluster import check_cluster, run_on_cluster
+        from jaxslam.study.workers import check_cluster, run_on_cluster
 
         check_cluster(command.cluster, url)
     folder = command.out or Path("runs") / f"{plan.name}-study"

@@ -6,7 +6,7 @@ import time
 import jax
 
 from jaxslam.cli.arguments import TrainRange
-from jaxslam.cli.mapping import check_seed, warn
+from jaxslam.cli.common import check_seed, warn
 from jaxslam.range_network import save_network
 from jaxslam.range_network.learning import Attempt, Split, check_sizes, learn
 from jaxslam.range_network.readings import Readings, read_readings

@@ -3,8 +3,6 @@
 from jaxslam.fusion.ekf import EKF, Belief, Measurement, Updated
 from jaxslam.fusion.fuse import Fused, filter_events, fuse
 from jaxslam.fusion.imu import AXES, YawTrack, tells_turning, yaw_track
-from jaxslam.fusion.prepare import fuse_tracks, with_fused_odometry
-from jaxslam.fusion.settings import FusionSettings
 from jaxslam.fusion.stream import Events, ImuNoise, OdometerNoise, Stream, merge
 
 __all__ = [
@@ -13,7 +11,6 @@ __all__ = [
     "Belief",
     "Events",
     "Fused",
-    "FusionSettings",
     "ImuNoise",
     "Measurement",
     "OdometerNoise",
@@ -22,9 +19,7 @@ __all__ = [
     "YawTrack",
     "filter_events",
     "fuse",
-    "fuse_tracks",
     "merge",
     "tells_turning",
-    "with_fused_odometry",
     "yaw_track",
 ]

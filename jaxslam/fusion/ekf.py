@@ -4,8 +4,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxslam import se2
-from jaxslam.checks import require_at_least_zero, require_one_of
+from jaxslam.core import se2
+from jaxslam.core.validation import require_at_least_zero, require_one_of
 
 STATE_SIZE = 6
 """X, Y (m), θ (rad), their rates v_x, v_y (m/s) and ω (rad/s)."""

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
+from jaxslam.core import se2
+from jaxslam.core.trajectory import interpolate_poses
 from jaxslam.io.log import ImuTrack, LogError, OdometryTrack
-from jaxslam.io.poses import interpolate_poses, relative_poses
 
 AXES: dict[str, tuple[float, float, float]] = {
     "x": (1.0, 0.0, 0.0),
@@ -121,6 +122,6 @@ def _standing(stamps: Float64[np.ndarray, "M"], odometry: OdometryTrack) -> np.n
     """Whether the odometry stands still around each stamp."""
     before = interpolate_poses(odometry.stamps, odometry.poses, stamps - 0.25)
     after = interpolate_poses(odometry.stamps, odometry.poses, stamps + 0.25)
-    moved = relative_poses(before, after) / 0.5
+    moved = se2.relative(before, after) / 0.5
     inside = (stamps >= odometry.stamps[0]) & (stamps <= odometry.stamps[-1])
     return inside & (np.hypot(moved[:, 0], moved[:, 1]) < _STILL_SPEED) & (np.abs(moved[:, 2]) < _STILL_RATE)

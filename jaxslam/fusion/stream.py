@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Float64, Int
 
-from jaxslam.checks import require_at_least_zero
+from jaxslam.core import se2
+from jaxslam.core.validation import require_at_least_zero
 from jaxslam.fusion.ekf import Measurement
 from jaxslam.fusion.imu import YawTrack
 from jaxslam.io.log import OdometryTrack
-from jaxslam.io.poses import relative_poses
 
 ODOMETRY, IMU, QUERY = 0, 1, 2
 """Where an event is from. A query reads nothing: it asks for the motion since the last one."""
@@ -157,7 +157,7 @@ def _query_part(queries: Float64[np.ndarray, "Q"]):
 
 def _odometry_part(odometry: OdometryTrack, noise: OdometerNoise, use_poses: bool, world_frame: bool):
     poses, stamps = odometry.poses, odometry.stamps
-    step = relative_poses(poses[:-1], poses[1:])
+    step = se2.relative(poses[:-1], poses[1:])
     interval = np.diff(stamps)
     timed = (interval > 0) & (interval < _LONGEST_STEP)
     rates = step / np.where(timed, interval, 1.0)[:, None]

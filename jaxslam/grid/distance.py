@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Int8, UInt8
 
-from jaxslam.once import computed_once
+from jaxslam.xla.materialise import computed_once
 
 MAX_RADIUS = 10
 """Largest radius in cells whose squares fit a byte: (r² + 1) + r² ≤ 255."""

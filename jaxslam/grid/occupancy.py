@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Int8, Int16
 
-from jaxslam.once import computed_once
-from jaxslam.types import LidarScan
+from jaxslam.core.types import LidarScan
+from jaxslam.xla.materialise import computed_once
 
 LOG_ODDS_PER_UNIT = 0.15
 _LARGEST = 19.0
@@ -31,7 +31,7 @@ class OccupancyModel(eqx.Module):
         limit: log-odds are clamped to ±limit, so that a map can still change its mind; ≤ 19.
         occupied_above: cells over this are obstacles to the matcher and the sensor model, log-odds.
         standing_out: if they also have this share of the log-odds of the strongest cell near them, 0 to 1;
-            see `jaxslam.grid.obstacles`. 0 takes them all.
+            see `jaxslam.grid.walls`. 0 takes them all.
     """
 
     hit: float | Float[Array, ""] = 2.7

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float, Int, Int8
 
-from jaxslam.devices import PARTICLES, on_each_device
 from jaxslam.grid.spec import GridSpec
+from jaxslam.xla.sharding import PARTICLES, on_each_device
 
 _ROOM = 20
 """Cells that the lidar keeps from the window's edge."""

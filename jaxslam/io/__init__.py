@@ -4,31 +4,13 @@ Importing this package needs NumPy only; rosbags, ruamel.yaml and Pillow are imp
 that needs them is opened.
 """
 
-from jaxslam.io.carmen import read_carmen
+from jaxslam.io.bag.reader import read_bag
+from jaxslam.io.carmen.reader import read_carmen
 from jaxslam.io.image import MapError
-from jaxslam.io.log import (
-    FixTrack,
-    ImuTrack,
-    JointTrack,
-    LogError,
-    OdometryTrack,
-    ScanTrack,
-    SensorLog,
-)
+from jaxslam.io.log import FixTrack, ImuTrack, JointTrack, LogError, OdometryTrack, ScanTrack, SensorLog
 from jaxslam.io.map_server import OccupancyMap, read_map, write_map
-from jaxslam.io.poses import (
-    compose_poses,
-    interpolate_poses,
-    invert_poses,
-    net_rotation,
-    path_length,
-    relative_poses,
-    wrap_angle,
-    yaw_from_quaternion,
-)
 from jaxslam.io.reader import read_log
 from jaxslam.io.relations import Relations, read_relations
-from jaxslam.io.rosbag import read_bag
 from jaxslam.io.summary import summarise
 from jaxslam.io.tum import read_tum, write_tum
 
@@ -43,21 +25,13 @@ __all__ = [
     "Relations",
     "ScanTrack",
     "SensorLog",
-    "compose_poses",
-    "interpolate_poses",
-    "invert_poses",
-    "net_rotation",
-    "path_length",
     "read_bag",
     "read_carmen",
     "read_log",
     "read_map",
     "read_relations",
     "read_tum",
-    "relative_poses",
     "summarise",
-    "wrap_angle",
     "write_map",
     "write_tum",
-    "yaw_from_quaternion",
 ]

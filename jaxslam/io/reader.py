@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from jaxslam.io.bag_file import MCAP_MAGIC, ROS1_MAGIC, SQLITE_MAGIC
-from jaxslam.io.carmen import read_carmen
+from jaxslam.io.bag.file import MCAP_MAGIC, ROS1_MAGIC, SQLITE_MAGIC
+from jaxslam.io.bag.reader import read_bag
+from jaxslam.io.carmen.reader import read_carmen
 from jaxslam.io.log import LogError, SensorLog
-from jaxslam.io.rosbag import read_bag
 
 _GZIP_MAGIC = b"\x1f\x8b"
 _CARMEN_SUFFIXES = (".log", ".clf", ".gz", ".carmen")

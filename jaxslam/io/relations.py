@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from jaxslam.io.poses import wrap_angle
+from jaxslam.core import se2
 from jaxslam.io.tum import read_number_rows
 
 
@@ -42,5 +42,5 @@ def read_relations(path: str | Path) -> Relations:
     """
     rows = read_number_rows(Path(path), 8, "t1 t2 x y z roll pitch yaw")
     table = np.array([row for _, row in rows], dtype=np.float64)
-    deltas = np.stack([table[:, 2], table[:, 3], wrap_angle(table[:, 7])], axis=1)
+    deltas = np.stack([table[:, 2], table[:, 3], se2.wrap(table[:, 7])], axis=1)
     return Relations(table[:, 0], table[:, 1], deltas)

@@ -6,16 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float64
 
+from jaxslam.core.trajectory import net_rotation, path_length
 from jaxslam.io.gps import east_north
-from jaxslam.io.log import (
-    FixTrack,
-    ImuTrack,
-    JointTrack,
-    OdometryTrack,
-    ScanTrack,
-    SensorLog,
-)
-from jaxslam.io.poses import net_rotation, path_length
+from jaxslam.io.log import FixTrack, ImuTrack, JointTrack, OdometryTrack, ScanTrack, SensorLog
 
 _WIDTH = 100
 _INDENT = 14

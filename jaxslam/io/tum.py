@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
+from jaxslam.core.trajectory import yaw_from_quaternion
 from jaxslam.io.log import LogError
-from jaxslam.io.poses import yaw_from_quaternion
 
 
 def write_tum(

@@ -2,13 +2,13 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
-from jaxslam import se2
+from jaxslam.core import se2
+from jaxslam.core.types import LidarScan
 from jaxslam.lidar.normals import surface_normals
-from jaxslam.lidar.subset import spread_beams
-from jaxslam.once import computed_once
-from jaxslam.types import LidarScan
+from jaxslam.xla.materialise import computed_once
 
 
 class ScanPoints(eqx.Module):
@@ -61,3 +61,13 @@ def scan_points(scan: LidarScan, max_beams: int | None = None) -> ScanPoints:
     points = computed_once(place, (angles, ranges))
     normals = computed_once(lambda ends: surface_normals(*ends), (points, valid))
     return ScanPoints(points, valid, normals)
+
+
+def spread_beams(num_beams: int, max_beams: int) -> Int[np.ndarray, "chosen"]:
+    """Ascending indices of at most `max_beams` of `num_beams` beams, evenly spread, the ends included.
+
+    Example:
+        `spread_beams(5, 3)` is `[0, 2, 4]`, and `spread_beams(3, 5)` is `[0, 1, 2]`.
+    """
+    # Whole strides would throw away up to half of what is allowed.
+    return np.round(np.linspace(0, num_beams - 1, min(max_beams, num_beams))).astype(np.int32)

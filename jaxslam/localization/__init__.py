@@ -1,7 +1,7 @@
 """Localisation in a known map: adaptive Monte-Carlo localisation and its parts."""
 
 from jaxslam.localization.amcl import AMCL, Agreement, AMCLInfo, AMCLState, run
-from jaxslam.localization.estimate import Cluster, Clustering
+from jaxslam.localization.cluster import Cluster, Clustering
 from jaxslam.localization.kld import Bins, KLDSampling
 from jaxslam.localization.known_map import KnownMap
 from jaxslam.localization.recovery import Averages, Recovery

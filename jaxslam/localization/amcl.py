@@ -8,20 +8,20 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from jaxslam import se2
-from jaxslam.checks import require_at_least_zero
-from jaxslam.flags import Flag
-from jaxslam.linalg import cholesky
-from jaxslam.localization.estimate import Cluster, Clustering, heaviest_particle
+from jaxslam.core import se2
+from jaxslam.core.flags import Flag
+from jaxslam.core.linalg import cholesky
+from jaxslam.core.types import StepInputs
+from jaxslam.core.validation import require_at_least_zero
+from jaxslam.localization.cluster import Cluster, Clustering, heaviest_particle
 from jaxslam.localization.kld import Bins, KLDSampling
 from jaxslam.localization.known_map import KnownMap
 from jaxslam.localization.recovery import Averages, Recovery
 from jaxslam.localization.scan_model import AbstractScanModel, share_on_map
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.range_network.network import RangeNetwork, with_corrected_ranges
+from jaxslam.resampling._fixed_point import cumulative_weights, pick
 from jaxslam.resampling.ess import effective_sample_size, normalise
-from jaxslam.resampling.fixed_point import cumulative_weights, pick
-from jaxslam.types import StepInputs
 
 _STAGE, _NUM_STAGES, _SMALLEST = 4, 4, 512
 """Between the sizes of particle set that are compiled, how many there are, and the least: a set of 500 need
@@ -61,7 +61,7 @@ class AMCLInfo(eqx.Module):
         lost: whether they agree, and the scan does not lie on the map there.
         match_score: share of the scan's beams that end near an obstacle, seen from the estimate; NaN for a
             scan without a return.
-        flags: `jaxslam.flags.Flag` bits, int32.
+        flags: `jaxslam.core.flags.Flag` bits, int32.
     """
 
     estimate: Cluster

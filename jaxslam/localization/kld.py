@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxslam.checks import require_at_least_zero
+from jaxslam.core.validation import require_at_least_zero
 from jaxslam.localization.known_map import KnownMap
 
 

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from jaxslam import se2
+from jaxslam.core import se2
 from jaxslam.grid.distance import distance_to_nearest
 from jaxslam.io.map_server import OccupancyMap
 

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxslam.checks import require_at_least_zero
+from jaxslam.core.validation import require_at_least_zero
 
 
 class Averages(eqx.Module):

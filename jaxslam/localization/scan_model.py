@@ -9,15 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxslam import se2
-from jaxslam.checks import require_at_least_zero, require_one_of
+from jaxslam.core import se2
+from jaxslam.core.types import LidarScan
+from jaxslam.core.validation import require_at_least_zero, require_one_of
 from jaxslam.grid.distance import MAX_RADIUS
-from jaxslam.lidar.subset import spread_beams
+from jaxslam.grid.field import Field, field_of_map
+from jaxslam.lidar.beams import spread_beams
 from jaxslam.localization.known_map import BORDER, KnownMap
 from jaxslam.sensor.beam import Beam
-from jaxslam.sensor.field import Field
-from jaxslam.sensor.field_of_map import field_of_map
-from jaxslam.types import LidarScan
 
 _UNROLL = 5
 """Beams per trip of the loop: more spill out of the registers."""

@@ -6,12 +6,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxslam import se2
-from jaxslam.checks import require_at_least_zero, require_odd
-from jaxslam.lidar.beams import ScanPoints
-from jaxslam.lidar.subset import spread_beams
+from jaxslam.core import se2
+from jaxslam.core.validation import require_at_least_zero, require_odd
+from jaxslam.grid.field import DistanceField, Field
+from jaxslam.lidar.beams import ScanPoints, spread_beams
 from jaxslam.matching.gauss_newton import PosePrior
-from jaxslam.sensor.field import DistanceField, Field
 
 
 class CorrelativeSearch(eqx.Module):

@@ -5,11 +5,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxslam import se2
-from jaxslam.checks import require_at_least_zero
+from jaxslam.core import se2
+from jaxslam.core.linalg import solve_symmetric, sums
+from jaxslam.core.validation import require_at_least_zero
+from jaxslam.grid.field import DistanceField
 from jaxslam.lidar.beams import ScanPoints
-from jaxslam.linalg import solve_symmetric, sums
-from jaxslam.sensor.field import DistanceField
 
 DAMPING = 1e-3
 """Keeps the normal matrix invertible where neither field nor prior says anything."""

@@ -5,11 +5,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxslam import se2
-from jaxslam.checks import require_at_least_zero
+from jaxslam.core import se2
+from jaxslam.core.linalg import inverse_symmetric, sums
+from jaxslam.core.validation import require_at_least_zero
+from jaxslam.grid.field import DistanceField, Field
 from jaxslam.lidar.beams import ScanPoints, wall_jacobian
-from jaxslam.linalg import inverse_symmetric, sums
-from jaxslam.sensor.field import DistanceField, Field
 
 _EMPTY = 1e-6
 

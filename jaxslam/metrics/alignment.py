@@ -3,8 +3,7 @@
 import numpy as np
 from jaxtyping import Float, Int
 
-from jaxslam.io.poses import compose_poses, wrap_angle
-from jaxslam.metrics.tracks import check_poses, check_stamps
+from jaxslam.core import se2
 
 
 def associate(
@@ -61,7 +60,7 @@ def align_se2(
         estimate: `[n, 3]` poses matched to them, in their own frame.
 
     Returns:
-        `[3]` pose of the estimate's frame in the reference's: `compose_poses(result, estimate)` is
+        `[3]` pose of the estimate's frame in the reference's: `se2.compose(result, estimate)` is
         the aligned estimate.
 
     Raises:
@@ -92,8 +91,8 @@ def align_se2(
             f"the {len(p)} matched positions do not determine a rotation (the robot stands still "
             "in one of the trajectories): align by 'first_pose'"
         )
-    rotation = wrap_angle(np.array([0.0, 0.0, np.arctan2(sine, cosine)]))
-    turned_mean = compose_poses(rotation, np.append(mean_estimate, 0.0))
+    rotation = se2.wrap(np.array([0.0, 0.0, np.arctan2(sine, cosine)]))
+    turned_mean = se2.compose(rotation, np.append(mean_estimate, 0.0))
     return np.append(mean_reference - turned_mean[:2], rotation[2])
 
 
@@ -103,3 +102,27 @@ def _nearest(sorted_values: Float[np.ndarray, "a"], queries: Float[np.ndarray, "
     left = np.maximum(right - 1, 0)
     nearer_left = np.abs(queries - sorted_values[left]) <= np.abs(sorted_values[right] - queries)
     return np.where(nearer_left, left, right)
+
+
+def check_stamps(stamps: Float[np.ndarray, "_"], name: str) -> None:
+    """Refuses stamps that are none, not finite or run backwards; `name` is their track's."""
+    if len(stamps) == 0:
+        raise ValueError(f"the {name} has no poses: give a trajectory with at least one")
+    if not np.isfinite(stamps).all():
+        index = int(np.flatnonzero(~np.isfinite(stamps))[0])
+        raise ValueError(f"{name} stamp {index} is {stamps[index]}: drop poses without a time")
+    if (backwards := np.flatnonzero(np.diff(stamps) < 0)).size:
+        index = int(backwards[0])
+        raise ValueError(
+            f"{name} stamps run backwards at {index}: {stamps[index]} then {stamps[index + 1]}; "
+            "sort the trajectory by time"
+        )
+
+
+def check_poses(poses: Float[np.ndarray, "_ 3"], name: str, length: int) -> None:
+    """Refuses poses that are not `length` many or not finite; `name` is their track's."""
+    if len(poses) != length:
+        raise ValueError(f"the {name} has {len(poses)} poses but should have {length}: match them")
+    if not np.isfinite(poses).all():
+        index = int(np.flatnonzero(~np.isfinite(poses).all(axis=1))[0])
+        raise ValueError(f"{name} pose {index} is {poses[index]}: drop poses that are not finite")

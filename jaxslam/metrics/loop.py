@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int
 
-from jaxslam.io.poses import compose_poses, relative_poses
+from jaxslam.core import se2
 from jaxslam.metrics.map import BinaryMap
 
 
@@ -77,8 +77,8 @@ def loop_closed(
         raise ValueError(
             f"the robot never came within {near:g} m of where it had been {loop:g} m before: there is no loop"
         )
-    true = relative_poses(truth[first], truth[second])
-    off = relative_poses(true, relative_poses(estimate[first], estimate[second]))
+    true = se2.relative(truth[first], truth[second])
+    off = se2.relative(true, se2.relative(estimate[first], estimate[second]))
     position = float(np.median(np.hypot(off[:, 0], off[:, 1])))
     heading = float(np.median(np.abs(off[:, 2])))
     once = _walls_once(truth[second], estimate[second], reference, mapped, reach, wall_tolerance)
@@ -122,8 +122,8 @@ def _walls_once(
     if not within.any():
         return 0.0
     pose, cells = np.argmin(distance, axis=0)[within], cells[within]
-    seen = relative_poses(estimate[pose], np.pad(cells, ((0, 0), (0, 1))))
-    places = compose_poses(truth[pose], seen)[:, :2]
+    seen = se2.relative(estimate[pose], np.pad(cells, ((0, 0), (0, 1))))
+    places = se2.compose(truth[pose], seen)[:, :2]
     walls = _centres(reference)
     # Walls farther off than the tolerance do not count.
     low, high = places.min(axis=0) - tolerance, places.max(axis=0) + tolerance

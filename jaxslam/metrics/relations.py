@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float64
 
-from jaxslam.io.poses import STAMP_TOLERANCE, carry_on, relative_poses
-from jaxslam.metrics.tracks import check_poses, check_stamps
+from jaxslam.core import se2
+from jaxslam.core.trajectory import STAMP_TOLERANCE, carry_on
+from jaxslam.metrics.alignment import check_poses, check_stamps
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,7 @@ def relation_residuals(
     odometry = (odometry_stamps.astype(float), odometry_poses.astype(float))
     times_from, times_to = stamps_from.astype(float), stamps_to.astype(float)
     pose_from, pose_to = (carry_on(times, *track, *odometry) for times in (times_from, times_to))
-    error = relative_poses(deltas.astype(float), relative_poses(pose_from, pose_to))
+    error = se2.relative(deltas.astype(float), se2.relative(pose_from, pose_to))
     used = _covered(times_from, track[0], odometry[0]) & _covered(times_to, track[0], odometry[0])
     translation = np.where(used, np.linalg.norm(error[:, :2], axis=1), np.nan)
     return translation, np.where(used, np.abs(error[:, 2]), np.nan)

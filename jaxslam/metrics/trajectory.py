@@ -6,9 +6,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
-from jaxslam.io.poses import compose_poses, invert_poses, relative_poses, wrap_angle
-from jaxslam.metrics.alignment import align_se2, associate
-from jaxslam.metrics.tracks import check_poses
+from jaxslam.core import se2
+from jaxslam.metrics.alignment import align_se2, associate, check_poses
 
 Alignment = Literal["se2", "first_pose", False]
 Unit = Literal["frames", "meters", "seconds"]
@@ -63,13 +62,13 @@ def pose_errors(
         stamps_reference, poses_reference, stamps_estimate, poses_estimate, max_difference
     )
     if align == "se2":
-        estimate = compose_poses(align_se2(reference, estimate)[None], estimate)
+        estimate = se2.compose(align_se2(reference, estimate)[None], estimate)
     elif align == "first_pose":
-        estimate = compose_poses(compose_poses(reference[:1], invert_poses(estimate[:1])), estimate)
+        estimate = se2.compose(se2.compose(reference[:1], se2.inverse(estimate[:1])), estimate)
     return PoseErrors(
         stamps=stamps,
         position_m=np.linalg.norm(estimate[:, :2] - reference[:, :2], axis=1),
-        heading_rad=wrap_angle(estimate[:, 2] - reference[:, 2]),
+        heading_rad=se2.wrap(estimate[:, 2] - reference[:, 2]),
     )
 
 
@@ -150,9 +149,9 @@ def relative_pose_error(
         stamps_reference, poses_reference, stamps_estimate, poses_estimate, max_difference
     )
     start, end = _pairs(stamps, reference, delta, unit, all_pairs)
-    motion_reference = relative_poses(reference[start], reference[end])
-    motion_estimate = relative_poses(estimate[start], estimate[end])
-    error = relative_poses(motion_reference, motion_estimate)
+    motion_reference = se2.relative(reference[start], reference[end])
+    motion_estimate = se2.relative(estimate[start], estimate[end])
+    error = se2.relative(motion_reference, motion_estimate)
     return _statistics(np.linalg.norm(error[:, :2], axis=1), error[:, 2])
 
 

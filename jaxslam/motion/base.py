@@ -5,7 +5,7 @@ import abc
 import equinox as eqx
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jaxslam.types import OdometryIncrement
+from jaxslam.core.types import OdometryIncrement
 
 
 class AbstractMotionModel(eqx.Module):

@@ -4,12 +4,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jaxslam import se2
-from jaxslam.checks import require_at_least_zero
-from jaxslam.linalg import cholesky
+from jaxslam.core import se2
+from jaxslam.core.linalg import cholesky
+from jaxslam.core.types import OdometryIncrement
+from jaxslam.core.validation import require_at_least_zero
+from jaxslam.motion._wheel_noise import LOG_TWO_PI, Scalar
 from jaxslam.motion.base import AbstractMotionModel
-from jaxslam.motion.increment_noise import LOG_TWO_PI, Scalar
-from jaxslam.types import OdometryIncrement
 
 
 class GaussianMotion(AbstractMotionModel):

@@ -3,10 +3,10 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jaxslam import se2
-from jaxslam.checks import require_at_least_zero
-from jaxslam.motion.base import AbstractMotionModel
-from jaxslam.motion.increment_noise import (
+from jaxslam.core import se2
+from jaxslam.core.types import OdometryIncrement
+from jaxslam.core.validation import require_at_least_zero
+from jaxslam.motion._wheel_noise import (
     ACROSS,
     ALONG,
     FINAL_ROTATION,
@@ -16,7 +16,7 @@ from jaxslam.motion.increment_noise import (
     predicted_frame_covariance,
     sample_increment,
 )
-from jaxslam.types import OdometryIncrement
+from jaxslam.motion.base import AbstractMotionModel
 
 
 class OmnidirectionalMotion(AbstractMotionModel):

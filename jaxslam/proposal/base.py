@@ -6,10 +6,10 @@ import equinox as eqx
 import jax
 from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
+from jaxslam.core.types import StepInputs
+from jaxslam.grid.field import Field
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.sensor.base import AbstractSensorModel
-from jaxslam.sensor.field import Field
-from jaxslam.types import StepInputs
 
 
 class Proposed(eqx.Module):
@@ -19,7 +19,7 @@ class Proposed(eqx.Module):
         pose: `[3]` the new base pose (m, m, rad, world frame).
         log_likelihood: log p(z | x, m) by the sensor model at that pose, which most proposals look at anyway.
         log_ratio: log p(x | x_prev, u) − log q(x), what the weight needs beside it.
-        flags: `jaxslam.flags.Flag` bits, int32.
+        flags: `jaxslam.core.flags.Flag` bits, int32.
     """
 
     pose: Float[Array, "*N 3"]

@@ -5,30 +5,23 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Key, PRNGKeyArray
 
-from jaxslam import se2
-from jaxslam.branch import run_if
-from jaxslam.checks import require_at_least_zero, require_one_of
+from jaxslam.core import se2
+from jaxslam.core.types import StepInputs
+from jaxslam.core.validation import require_at_least_zero, require_one_of
+from jaxslam.grid.field import DistanceField, Field
 from jaxslam.lidar.beams import ScanPoints, scan_points
 from jaxslam.matching.correlative import CorrelativeSearch
 from jaxslam.matching.gauss_newton import PosePrior
 from jaxslam.matching.heading import HeadingSearch
 from jaxslam.matching.icp import ICP
+from jaxslam.matching.swarm import FruitFlies
 from jaxslam.motion.base import AbstractMotionModel
-from jaxslam.optimise.fruit_fly import FruitFlies
 from jaxslam.proposal.base import AbstractProposal, Proposed
-from jaxslam.proposal.candidate import (
-    Candidate,
-    Judge,
-    PriorTrust,
-    better,
-    settle,
-    share_explained,
-    turned_to_map,
-)
 from jaxslam.proposal.pose_gaussian import PosesAround
+from jaxslam.proposal.posterior import Candidate, Judge, better, settle, share_explained, turned_to_map
+from jaxslam.proposal.prior import PriorTrust
 from jaxslam.sensor.base import AbstractSensorModel
-from jaxslam.sensor.field import DistanceField, Field
-from jaxslam.types import StepInputs
+from jaxslam.xla.control_flow import run_if
 
 
 class _Aligned(eqx.Module):

@@ -4,18 +4,19 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jaxslam import se2
-from jaxslam.checks import require_at_least_zero
-from jaxslam.flags import Flag
+from jaxslam.core import se2
+from jaxslam.core.flags import Flag
+from jaxslam.core.types import StepInputs
+from jaxslam.core.validation import require_at_least_zero
+from jaxslam.grid.field import Field
 from jaxslam.lidar.beams import scan_points
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.proposal.base import AbstractProposal, Proposed
-from jaxslam.proposal.candidate import PriorTrust, share_explained
 from jaxslam.proposal.matched import MatchedProposal
 from jaxslam.proposal.pose_gaussian import PosesAround
+from jaxslam.proposal.posterior import share_explained
+from jaxslam.proposal.prior import PriorTrust
 from jaxslam.sensor.base import AbstractSensorModel
-from jaxslam.sensor.field import Field
-from jaxslam.types import StepInputs
 
 
 class GaussianProposal(AbstractProposal):

@@ -5,26 +5,19 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jaxslam.branch import run_if
-from jaxslam.checks import require_at_least_zero
+from jaxslam.core.types import StepInputs
+from jaxslam.core.validation import require_at_least_zero
+from jaxslam.grid.field import Field
 from jaxslam.lidar.beams import scan_points
 from jaxslam.matching.correlative import CorrelativeSearch
 from jaxslam.matching.gauss_newton import GaussNewton
 from jaxslam.matching.heading import HeadingSearch
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.proposal.base import AbstractProposal, Proposed
-from jaxslam.proposal.candidate import (
-    Candidate,
-    Judge,
-    PriorTrust,
-    better,
-    settle,
-    share_explained,
-    turned_to_map,
-)
+from jaxslam.proposal.posterior import Candidate, Judge, better, settle, share_explained, turned_to_map
+from jaxslam.proposal.prior import PriorTrust
 from jaxslam.sensor.base import AbstractSensorModel
-from jaxslam.sensor.field import Field
-from jaxslam.types import StepInputs
+from jaxslam.xla.control_flow import run_if
 
 
 class MatchedProposal(AbstractProposal):

@@ -3,11 +3,11 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from jaxslam.core.types import StepInputs
+from jaxslam.grid.field import Field
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.proposal.base import AbstractProposal, Proposed
 from jaxslam.sensor.base import AbstractSensorModel
-from jaxslam.sensor.field import Field
-from jaxslam.types import StepInputs
 
 
 class MotionProposal(AbstractProposal):

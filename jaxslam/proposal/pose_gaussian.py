@@ -7,10 +7,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jaxslam import se2
-from jaxslam.checks import require_at_least_zero
+from jaxslam.core import se2
+from jaxslam.core.linalg import cholesky, inverse_symmetric
+from jaxslam.core.validation import require_at_least_zero
 from jaxslam.lidar.beams import ScanPoints, wall_jacobian
-from jaxslam.linalg import cholesky, inverse_symmetric
 
 _LOG_TWO_PI = 1.8378770664093453
 

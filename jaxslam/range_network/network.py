@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jaxslam.types import LidarScan, StepInputs
+from jaxslam.core.types import LidarScan, StepInputs
 
 _STEEPEST = 4.0
 """Steps of a new neuron over half the interval: as steep as many neurons would have it, each would learn the

@@ -1,6 +1,6 @@
 """What a run leaves on disk: the run folder, its figures, and where they came from."""
 
-from jaxslam.report.accuracy import reference_error, relation_figures, trajectory_figures
+from jaxslam.metrics.summary import reference_error, relation_figures, trajectory_figures
 from jaxslam.report.folder import default_folder, make_folder, write_run
 from jaxslam.report.provenance import file_sha256, peak_rss_mb, versions
 

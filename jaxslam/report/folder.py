@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32, Int8
 
-from jaxslam import toml
-from jaxslam.configuration import Configuration
+from jaxslam.config import toml
+from jaxslam.config.dotted import flatten
+from jaxslam.config.slam import SlamConfig
 from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT
 from jaxslam.io import write_map, write_tum
+from jaxslam.pipeline.run import RunResult
 from jaxslam.report.provenance import peak_rss_mb
-from jaxslam.run import RunResult
-from jaxslam.settings import flatten
 from jaxslam.viz.picture import MapLayer, save_map_picture
 
 _LOG_SUFFIXES = (".gz", ".log", ".clf", ".carmen", ".bag", ".mcap", ".db3")
@@ -55,7 +55,7 @@ def make_folder(folder: Path) -> None:
 def write_run(
     folder: Path,
     result: RunResult,
-    configuration: Configuration,
+    configuration: SlamConfig,
     *,
     seed: int,
     scans_in: int,
@@ -124,7 +124,7 @@ def _figures(result: RunResult, scans_in: int) -> dict[str, object]:
 
 
 def _write_map_files(
-    folder: Path, result: RunResult, configuration: Configuration, truth: MapLayer | None
+    folder: Path, result: RunResult, configuration: SlamConfig, truth: MapLayer | None
 ) -> None:
     # The device has 0.05 as 0.0500000007; the files say what was asked for.
     resolution = float(configuration.map.resolution)
@@ -142,7 +142,7 @@ def _write_map_files(
     )
 
 
-def _save_ess_picture(path: Path, result: RunResult, configuration: Configuration) -> None:
+def _save_ess_picture(path: Path, result: RunResult, configuration: SlamConfig) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -6,16 +6,17 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Array, Float, Float32, Float64
 
-from jaxslam import toml
-from jaxslam.inputs import PreparedInputs
-from jaxslam.io import OccupancyMap, compose_poses, relative_poses, write_tum
-from jaxslam.localization_configuration import LocalizationConfiguration
-from jaxslam.localize import Cloud, LocalizationResult
+from jaxslam.config import toml
+from jaxslam.config.dotted import flatten
+from jaxslam.config.localization import LocalizationConfig
+from jaxslam.core import se2
+from jaxslam.io import OccupancyMap, write_tum
 from jaxslam.metrics import TrajectoryError
-from jaxslam.report.accuracy import trajectory_figures
+from jaxslam.metrics.summary import trajectory_figures
+from jaxslam.pipeline.inputs import PreparedInputs
+from jaxslam.pipeline.localize import Cloud, LocalizationResult
 from jaxslam.report.folder import write_json
 from jaxslam.report.provenance import peak_rss_mb
-from jaxslam.settings import flatten
 from jaxslam.viz.animation import MapFrame, animate_map
 
 _MAX_DRAWN = 5000
@@ -25,7 +26,7 @@ _MAX_DRAWN = 5000
 def write_localization(
     folder: Path,
     result: LocalizationResult,
-    configuration: LocalizationConfiguration,
+    configuration: LocalizationConfig,
     occupancy: OccupancyMap,
     prepared: PreparedInputs,
     *,
@@ -94,11 +95,11 @@ def in_map_axes(
 ) -> Float64[np.ndarray, "_ 3"]:
     """World poses as they lie on a drawing of the map, upright even where the map is turned."""
     corner = np.array([*occupancy.origin[:2], 0.0])
-    return compose_poses(corner[None], relative_poses(occupancy.origin[None], np.asarray(poses, float)))
+    return se2.compose(corner[None], se2.relative(occupancy.origin[None], np.asarray(poses, float)))
 
 
 def _figures(
-    result: LocalizationResult, configuration: LocalizationConfiguration, prepared: PreparedInputs
+    result: LocalizationResult, configuration: LocalizationConfig, prepared: PreparedInputs
 ) -> dict[str, object]:
     agreed, infos = result.agreed, result.infos
     after = result.converged_after_s

@@ -1,10 +1,10 @@
 """Resampling: which particles go on, and when it is time to choose."""
 
+from jaxslam.resampling._permute import keep_survivors_in_place
 from jaxslam.resampling.adaptive import AdaptiveResampling, Resampling
 from jaxslam.resampling.base import AbstractResampler
 from jaxslam.resampling.ess import effective_sample_size, normalise
 from jaxslam.resampling.multinomial import MultinomialResampler
-from jaxslam.resampling.permute import keep_survivors_in_place
 from jaxslam.resampling.residual import ResidualResampler
 from jaxslam.resampling.stratified import StratifiedResampler
 from jaxslam.resampling.systematic import SystematicResampler

@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
+from jaxslam.resampling._fixed_point import cumulative_weights, pick, stratum_positions
+from jaxslam.resampling._selection import select_ancestors
 from jaxslam.resampling.base import AbstractResampler
-from jaxslam.resampling.fixed_point import cumulative_weights, pick, stratum_positions
-from jaxslam.resampling.selection import select_ancestors
 
 
 class SystematicResampler(AbstractResampler):

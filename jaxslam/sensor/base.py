@@ -5,8 +5,8 @@ import abc
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from jaxslam.sensor.field import Field
-from jaxslam.types import LidarScan
+from jaxslam.core.types import LidarScan
+from jaxslam.grid.field import Field
 
 
 class AbstractSensorModel(eqx.Module):

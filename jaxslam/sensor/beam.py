@@ -5,12 +5,12 @@ import jax.numpy as jnp
 from jax.scipy.special import ndtr
 from jaxtyping import Array, Float
 
-from jaxslam import se2
-from jaxslam.lidar.subset import spread_beams
+from jaxslam.core import se2
+from jaxslam.core.types import LidarScan
+from jaxslam.grid.field import Field
+from jaxslam.grid.raycast import cast
+from jaxslam.lidar.beams import spread_beams
 from jaxslam.sensor.base import AbstractSensorModel
-from jaxslam.sensor.field import Field
-from jaxslam.sensor.raycast import cast
-from jaxslam.types import LidarScan
 
 
 class Beam(AbstractSensorModel):

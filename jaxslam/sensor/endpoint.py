@@ -5,11 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxslam import se2
+from jaxslam.core import se2
+from jaxslam.core.types import LidarScan
+from jaxslam.grid.field import DistanceField, Field
 from jaxslam.lidar.beams import scan_points
 from jaxslam.sensor.base import AbstractSensorModel
-from jaxslam.sensor.field import DistanceField, Field
-from jaxslam.types import LidarScan
 
 _BEFORE = float(np.sqrt(2.0))
 """How far before the end point the beam must still have been free, cells: never the same cell."""

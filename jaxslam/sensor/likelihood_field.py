@@ -4,12 +4,12 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxslam import se2
-from jaxslam.checks import require_at_least_zero
+from jaxslam.core import se2
+from jaxslam.core.types import LidarScan
+from jaxslam.core.validation import require_at_least_zero
+from jaxslam.grid.field import Field
 from jaxslam.lidar.beams import scan_points
 from jaxslam.sensor.base import AbstractSensorModel
-from jaxslam.sensor.field import Field
-from jaxslam.types import LidarScan
 
 
 class LikelihoodField(AbstractSensorModel):

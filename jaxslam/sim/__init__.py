@@ -1,18 +1,18 @@
 """Simulator: worlds, a robot that drives through them, and what its sensors report."""
 
 from jaxslam.sim.calibration import calibration_distances, calibration_run
-from jaxslam.sim.corridor import Corridor, build_corridor, corridor_loop, random_corridor
-from jaxslam.sim.imu import Imu, Inertial
-from jaxslam.sim.lidar import LIDARS, Lidar, lds_01, lds_02, rplidar_a1, sick, urg_04lx, vlp16_ring
-from jaxslam.sim.odometry import Odometry, OdometryErrors, WheelOdometry
+from jaxslam.sim.exact_ranges import cast_rays, cast_scan
+from jaxslam.sim.imu_sensor import Imu, Inertial
+from jaxslam.sim.lidar_sensor import LIDARS, Lidar, lds_01, lds_02, rplidar_a1, sick, urg_04lx, vlp16_ring
 from jaxslam.sim.range_bias import RangeBias, draw_lds_01_bias, lds_01_accuracy
-from jaxslam.sim.raster import observable, rasterise, reachable
-from jaxslam.sim.raycast import cast_rays, cast_scan
-from jaxslam.sim.roadway import Roadway, build_roadway, random_roadway, roadway
+from jaxslam.sim.rasterize import observable, rasterise, reachable
 from jaxslam.sim.robot import Drive, Robot, drive, start_pose
 from jaxslam.sim.simulate import Simulation, sample_times, simulate, to_log
-from jaxslam.sim.world import World, box, disc, leg_clearances, place, polyline
-from jaxslam.sim.worlds import WORLDS, hall_large, hall_small, make_world, random_hall
+from jaxslam.sim.wheel_odometry import Odometry, OdometryErrors, WheelOdometry
+from jaxslam.sim.worlds.corridor import Corridor, build_corridor, corridor_loop, random_corridor
+from jaxslam.sim.worlds.halls import WORLDS, hall_large, hall_small, make_world, random_hall
+from jaxslam.sim.worlds.roadway import Roadway, build_roadway, random_roadway, roadway
+from jaxslam.sim.worlds.world import World, box, disc, leg_clearances, place, polyline
 
 __all__ = [
     "LIDARS",

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from jaxslam.sim.lidar import Lidar
+from jaxslam.sim.lidar_sensor import Lidar
 
 
 def calibration_distances(lidar: Lidar, step: float = 0.1) -> Float[Array, "D"]:

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Float64, Int
 
-from jaxslam import se2
+from jaxslam.core import se2
 from jaxslam.sim.numeric import Scalar, compensated_add
 
 

@@ -10,14 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Float64, PRNGKeyArray, Shaped
 
+from jaxslam.core import se2
+from jaxslam.core.types import LidarScan
 from jaxslam.io.log import ImuTrack, JointTrack, OdometryTrack, ScanTrack, SensorLog
-from jaxslam.io.poses import compose_poses, invert_poses
-from jaxslam.sim.imu import Imu, Inertial
-from jaxslam.sim.lidar import Lidar, sick
-from jaxslam.sim.odometry import Odometry, WheelOdometry
+from jaxslam.sim.imu_sensor import Imu, Inertial
+from jaxslam.sim.lidar_sensor import Lidar, sick
 from jaxslam.sim.robot import Drive, Robot, drive
-from jaxslam.sim.world import World, leg_clearances
-from jaxslam.types import LidarScan
+from jaxslam.sim.wheel_odometry import Odometry, WheelOdometry
+from jaxslam.sim.worlds.world import World, leg_clearances
 
 # Clearance that a tour must leave beyond the robot's radius, metres: with the default steering it
 # strays up to 0.10 m from a leg.
@@ -190,7 +190,7 @@ def _odometry_poses(simulation: Simulation, in_world_frame: bool) -> Float64[np.
     if not in_world_frame:
         return poses
     start = _host(simulation.drive.poses)[:1]
-    return compose_poses(compose_poses(start, invert_poses(poses[:1])), poses)
+    return se2.compose(se2.compose(start, se2.inverse(poses[:1])), poses)
 
 
 def _imu_track(simulation: Simulation, start_stamp: float) -> ImuTrack:

@@ -9,12 +9,13 @@ import jax.numpy as jnp
 from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float, Int, Int8, Key, PRNGKeyArray
 
-from jaxslam import se2
-from jaxslam.devices import particle_mesh, shared_out
-from jaxslam.flags import Flag
-from jaxslam.grid.obstacles import outstanding
+from jaxslam.core import se2
+from jaxslam.core.flags import Flag
+from jaxslam.core.types import LidarScan, StepInputs
+from jaxslam.grid.field import Field, prepare_field, window_rows
 from jaxslam.grid.occupancy import OccupancyModel, add_scan, cells_from_lidar, quantise, range_table
 from jaxslam.grid.spec import GridSpec
+from jaxslam.grid.walls import outstanding
 from jaxslam.grid.window import (
     copy_maps,
     inside_window,
@@ -26,15 +27,14 @@ from jaxslam.grid.window import (
 )
 from jaxslam.lidar.beams import scan_points
 from jaxslam.motion.base import AbstractMotionModel
-from jaxslam.once import computed_once
 from jaxslam.proposal.base import AbstractProposal, Proposed
 from jaxslam.range_network.network import RangeNetwork, with_corrected_ranges
+from jaxslam.resampling._permute import keep_survivors_in_place
 from jaxslam.resampling.adaptive import AdaptiveResampling
 from jaxslam.resampling.ess import normalise
-from jaxslam.resampling.permute import keep_survivors_in_place
 from jaxslam.sensor.base import AbstractSensorModel
-from jaxslam.sensor.field import Field, prepare_field, window_rows
-from jaxslam.types import LidarScan, StepInputs
+from jaxslam.xla.materialise import computed_once
+from jaxslam.xla.sharding import particle_mesh, shared_out
 
 
 class RBPFState(eqx.Module):
@@ -62,7 +62,7 @@ class StepInfo(eqx.Module):
         ancestors: `[N]` int32, the particle that each slot goes on from.
         ess: effective sample size before resampling, 1 to N.
         resampled: whether the particles were resampled.
-        flags: `jaxslam.flags.Flag` bits of the whole step, int32.
+        flags: `jaxslam.core.flags.Flag` bits of the whole step, int32.
     """
 
     poses: Float[Array, "*T N 3"]

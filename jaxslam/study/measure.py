@@ -12,18 +12,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float64, Int8
 
-from jaxslam.configuration import correct_scans
+from jaxslam.config.dotted import Scalar
+from jaxslam.config.lidar_presets import PRESETS, LidarPreset, detect_lidar
 from jaxslam.grid.spec import GridSpec
-from jaxslam.inputs import PreparedInputs, prepare_inputs
 from jaxslam.io import Relations, SensorLog, read_log, read_relations, read_tum
-from jaxslam.many import ManyResult, run_many
 from jaxslam.metrics import BinaryMap, map_score
-from jaxslam.preparation import Prepared, prepare
-from jaxslam.presets import PRESETS, LidarPreset, detect_lidar
-from jaxslam.report.accuracy import reference_error, relation_figures
+from jaxslam.metrics.summary import reference_error, relation_figures
+from jaxslam.pipeline.inputs import PreparedInputs, prepare_inputs
+from jaxslam.pipeline.many import ManyResult, run_many
+from jaxslam.pipeline.prepare import Prepared, prepare
+from jaxslam.pipeline.run import poses_at_every_scan
+from jaxslam.preprocess.ranges import correct_scans
 from jaxslam.report.folder import occupancy_probability
-from jaxslam.run import poses_at_every_scan
-from jaxslam.settings import Scalar
 from jaxslam.sim import World, make_world, observable, simulate, to_log
 from jaxslam.study.objectives import Figures
 from jaxslam.study.plan import DRIVE, Plan, Source

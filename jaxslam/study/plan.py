@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jaxslam import toml
-from jaxslam.configuration import Configuration
-from jaxslam.presets import PRESETS, LidarPreset, lidar_preset
-from jaxslam.settings import Scalar, update
-from jaxslam.sim.worlds import WORLDS
+from jaxslam.config import toml
+from jaxslam.config.dotted import Scalar, update
+from jaxslam.config.lidar_presets import PRESETS, LidarPreset, lidar_preset
+from jaxslam.config.slam import SlamConfig
+from jaxslam.sim.worlds.halls import WORLDS
 from jaxslam.study.objectives import OBJECTIVES
 from jaxslam.study.space import Space
 
@@ -89,7 +89,7 @@ class Plan:
 
     def configuration(
         self, settings: Mapping[str, Scalar], lidar: str | LidarPreset | None = None
-    ) -> Configuration:
+    ) -> SlamConfig:
         """The base with the settings of a trial.
 
         Raises:
@@ -105,20 +105,20 @@ class Plan:
         return json.loads(json.dumps(kept))
 
 
-def starting_with(lidar: str | LidarPreset | Mapping[str, Any] | None) -> Configuration:
+def starting_with(lidar: str | LidarPreset | Mapping[str, Any] | None) -> SlamConfig:
     """The defaults with a lidar: its name, or the preset itself, also as JSON has it."""
     if lidar is None:
-        return Configuration()
+        return SlamConfig()
     if isinstance(lidar, str):
         lidar = lidar_preset(lidar)
     elif isinstance(lidar, Mapping):
         # JSON has no tuples.
         known: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in lidar.items()}
         lidar = LidarPreset(**known)
-    return Configuration().with_lidar(lidar)
+    return SlamConfig().with_lidar(lidar)
 
 
-def with_settings(configuration: Configuration, settings: Mapping[str, Scalar]) -> Configuration:
+def with_settings(configuration: SlamConfig, settings: Mapping[str, Scalar]) -> SlamConfig:
     """The same with other settings; `method` is one of them."""
     rest = dict(settings)
     method = rest.pop("method", None)
@@ -225,7 +225,7 @@ def _base(study: Mapping[str, Any], settings: dict[str, Any], folder: Path) -> d
         base |= toml.read_settings(file)  # type: ignore[arg-type]
     base |= toml.named(settings)  # type: ignore[arg-type]
     # Complaints about them come from here, and not from the first trial.
-    with_settings(Configuration(), base)
+    with_settings(SlamConfig(), base)
     return base
 
 

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from optuna.trial import FrozenTrial, TrialState
 
-from jaxslam import toml
-from jaxslam.settings import Scalar
+from jaxslam.config import toml
+from jaxslam.config.dotted import Scalar
 from jaxslam.study.objectives import OBJECTIVES
 from jaxslam.study.plan import starting_with, with_settings
 from jaxslam.study.storage import Store, failure

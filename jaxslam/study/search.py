@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from jax.experimental.compilation_cache import compilation_cache
 
-from jaxslam.settings import Scalar
+from jaxslam.config.dotted import Scalar
 from jaxslam.study.interrupts import Interrupts
 from jaxslam.study.measure import TrialError, check_source, load, measure, program_of
 from jaxslam.study.objectives import Figures, values

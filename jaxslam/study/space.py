@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any
 
-from jaxslam.configuration import METHODS, Configuration
-from jaxslam.settings import KIND, Scalar, flatten, update
+from jaxslam.config.dotted import KIND, Scalar, flatten, update
+from jaxslam.config.slam import METHODS, SlamConfig
 
 METHOD = "method"
 VALUES_OF_A_SIZE = 5
@@ -77,7 +77,7 @@ class Space:
     parameters: tuple[Parameter, ...]
 
     @classmethod
-    def of(cls, tables: Mapping[str, Any], base: Configuration) -> "Space":
+    def of(cls, tables: Mapping[str, Any], base: SlamConfig) -> "Space":
         """Reads and checks a space.
 
         Args:
@@ -118,7 +118,7 @@ class Space:
         """Those that choose a part of the filter."""
         return [parameter for parameter in self.parameters if parameter.chooses_a_part]
 
-    def suggest(self, trial: Any, base: Configuration) -> dict[str, Scalar]:
+    def suggest(self, trial: Any, base: SlamConfig) -> dict[str, Scalar]:
         """A trial's settings: first the parts, then what those parts have."""
         settings = {parameter.name: parameter.suggest(trial) for parameter in self.parts()}
         known = flatten(_chosen(base, settings))
@@ -127,7 +127,7 @@ class Space:
                 settings[parameter.name] = parameter.suggest(trial)
         return settings
 
-    def where_it_applies(self, parameter: Parameter, base: Configuration) -> dict[str, Scalar]:
+    def where_it_applies(self, parameter: Parameter, base: SlamConfig) -> dict[str, Scalar]:
         """Choices of parts with which a filter has this parameter."""
         if parameter.chooses_a_part:
             return {}
@@ -207,7 +207,7 @@ def _combinations(parts: Sequence[Parameter]) -> Iterator[dict[str, Scalar]]:
         yield dict(zip(names, values, strict=True))
 
 
-def _chosen(base: Configuration, parts: Mapping[str, Scalar]) -> Configuration:
+def _chosen(base: SlamConfig, parts: Mapping[str, Scalar]) -> SlamConfig:
     rest = dict(parts)
     if METHOD in rest:
         base = base.with_method(str(rest.pop(METHOD)))

@@ -9,8 +9,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.image import AxesImage
 from matplotlib.patches import Ellipse
 
-from jaxslam.io.poses import compose_poses
-from jaxslam.types import LidarScan
+from jaxslam.core import se2
+from jaxslam.core.types import LidarScan
 from jaxslam.viz import style
 from jaxslam.viz.raster import grey_ramp, known_box, map_levels, shrink
 
@@ -229,7 +229,7 @@ def plot_scan(
     base = np.zeros(3) if pose_world_base is None else np.asarray(pose_world_base, float)
     if not np.isfinite(base).all():
         raise ValueError(f"pose_world_base is {base}: give finite metres and radians")
-    lidar = compose_poses(base, np.asarray(scan.pose_base_lidar, float))
+    lidar = se2.compose(base, np.asarray(scan.pose_base_lidar, float))
     valid = np.asarray(scan.valid)
     bearing = lidar[2] + np.asarray(scan.angles(), float)[valid]
     ranges = np.asarray(scan.ranges, float)[valid]

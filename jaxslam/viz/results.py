@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from jaxslam.run import RunResult
+from jaxslam.pipeline.run import RunResult
 from jaxslam.viz import style
 from jaxslam.viz.maps import plot_map, plot_particles, plot_trajectory
 
@@ -18,7 +18,7 @@ def plot_run(
     """Draws the best particle's map and its path, and where all particles are at the end.
 
     Args:
-        result: of `jaxslam.run.run_log`.
+        result: of `jaxslam.pipeline.run.run_log`.
         ax: axes to draw on; None for pyplot's current ones.
         label: name of the path in the legend.
         legend: whether to add the legend.

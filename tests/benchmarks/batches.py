@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from jaxslam.many import _Inputs, _program, _Runs
+from jaxslam.pipeline.many import _Inputs, _program, _Runs
 from tests.benchmarks.filters import repeated, still_filter
 from tests.benchmarks.programs import Program
 

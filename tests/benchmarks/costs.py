@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import jax
 import jaxlib
 
-from jaxslam.configuration import METHODS
+from jaxslam.config.slam import METHODS
 from tests.benchmarks.batches import still_runs
 from tests.benchmarks.corrections import corrections
 from tests.benchmarks.filters import still_filter, still_run

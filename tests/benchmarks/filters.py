@@ -8,14 +8,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxslam.configuration import Configuration, build
+from jaxslam.config.slam import SlamConfig
+from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
 from jaxslam.io.log import SensorLog
 from jaxslam.motion import GaussianMotion
-from jaxslam.preparation import Prepared, prepare
-from jaxslam.run import run
+from jaxslam.pipeline.build import build
+from jaxslam.pipeline.prepare import Prepared, prepare
+from jaxslam.pipeline.run import run
 from jaxslam.sim import make_world, sick, simulate, to_log
 from jaxslam.slam import RBPF, RBPFState
-from jaxslam.types import LidarScan, OdometryIncrement, StepInputs
 from tests.benchmarks.programs import Program
 
 NUM_BEAMS = 180
@@ -36,8 +37,8 @@ def _log(duration: float) -> SensorLog:
     return to_log(simulation, "benchmark")
 
 
-def _configuration(num_particles: int, method: str = "gmapping") -> Configuration:
-    chosen = Configuration(num_particles=num_particles).with_method(method)
+def _configuration(num_particles: int, method: str = "gmapping") -> SlamConfig:
+    chosen = SlamConfig(num_particles=num_particles).with_method(method)
     return dataclasses.replace(chosen, map=dataclasses.replace(chosen.map, margin=MARGIN))
 
 

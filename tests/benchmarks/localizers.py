@@ -5,9 +5,10 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 
+from jaxslam.config.localization import LocalizationConfig
+from jaxslam.core.types import StepInputs
 from jaxslam.localization import AMCL, AMCLState, FieldModel
-from jaxslam.localization_configuration import LocalizationConfiguration, build_localizer
-from jaxslam.types import StepInputs
+from jaxslam.pipeline.build import build_localizer
 from tests.benchmarks.filters import one_step
 from tests.benchmarks.programs import Program
 from tests.localization.worlds import hall_map
@@ -16,7 +17,7 @@ from tests.localization.worlds import hall_map
 def localizer(num_particles: int, num_beams: int) -> tuple[AMCL, AMCLState, StepInputs]:
     """The filter with all its particles alive and resampling in every step, and a scan."""
     configuration = dataclasses.replace(
-        LocalizationConfiguration(),
+        LocalizationConfig(),
         max_particles=num_particles,
         resample_below=1.01,
         scan_model=FieldModel(max_beams=num_beams),

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import jax
 
-from jaxslam.compiler import compiler_options
+from jaxslam.xla.compiler import compiler_options
 
 
 class Program(NamedTuple):

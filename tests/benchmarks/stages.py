@@ -3,19 +3,19 @@
 import jax
 import jax.numpy as jnp
 
-from jaxslam import se2
-from jaxslam.grid.obstacles import outstanding
+from jaxslam.core import se2
+from jaxslam.core.types import StepInputs
+from jaxslam.grid.field import prepare_field, window_rows
 from jaxslam.grid.occupancy import add_scan, cells_from_lidar, quantise, range_table
+from jaxslam.grid.walls import outstanding
 from jaxslam.grid.window import copy_maps, read_windows, window_origin, window_start, write_windows
 from jaxslam.lidar.beams import scan_points
 from jaxslam.matching.gauss_newton import GaussNewton, PosePrior
 from jaxslam.matching.icp import ICP
 from jaxslam.proposal.fruit_fly import FruitFlyProposal
+from jaxslam.resampling._permute import keep_survivors_in_place
 from jaxslam.resampling.adaptive import AdaptiveResampling
-from jaxslam.resampling.permute import keep_survivors_in_place
-from jaxslam.sensor.field import prepare_field, window_rows
 from jaxslam.slam import RBPF, RBPFState
-from jaxslam.types import StepInputs
 from tests.benchmarks.programs import Program
 
 

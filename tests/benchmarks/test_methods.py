@@ -9,8 +9,8 @@ particle that gets lost.
 import jax.numpy as jnp
 import pytest
 
-from jaxslam.configuration import METHODS
-from jaxslam.flags import Flag
+from jaxslam.config.slam import METHODS
+from jaxslam.core.flags import Flag
 from tests.benchmarks.filters import drive
 from tests.benchmarks.programs import measure
 

@@ -12,9 +12,9 @@ import jax
 import numpy as np
 import pytest
 
-from jaxslam.many import run_many
-from jaxslam.run import run_log
-from jaxslam.settings import update
+from jaxslam.config.dotted import update
+from jaxslam.pipeline.many import run_many
+from jaxslam.pipeline.run import run_log
 from tests.benchmarks.filters import prepared_drive
 
 NUM_PARTICLES, DURATION = 5, 6.0

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from jaxslam.cli import main
+from jaxslam.core.trajectory import interpolate_poses
 from jaxslam.io import read_log, read_map, read_tum, write_tum
-from jaxslam.io.poses import interpolate_poses
 from jaxslam.report import default_folder, file_sha256
 from jaxslam.sim import hall_small, lds_01, simulate, to_log
 
@@ -289,7 +289,7 @@ def test_missing_extra(module, monkeypatch, capsys):
     def missing(*_):
         raise ModuleNotFoundError(f"No module named '{module}'", name=module)
 
-    monkeypatch.setattr("jaxslam.cli.entry._dispatch", missing)
+    monkeypatch.setattr("jaxslam.cli.main._dispatch", missing)
     assert main(["run", "x"]) == 2
     assert "pip install 'jaxslam[cli]'" in one_line(capsys)
 

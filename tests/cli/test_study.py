@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 
 from jaxslam.cli import main
-from jaxslam.cli.effective import effective_configuration
-from jaxslam.configuration import Configuration
-from jaxslam.presets import PRESETS
-from jaxslam.settings import flatten
+from jaxslam.config.dotted import flatten
+from jaxslam.config.lidar_presets import PRESETS
+from jaxslam.config.resolve import effective_configuration
+from jaxslam.config.slam import SlamConfig
 
 MORE = 3
 """Trials of the last session, after one that is killed and one that is interrupted."""
@@ -184,7 +184,7 @@ def test_the_best_configuration_is_one_that_run_takes(ended):
         raise AssertionError("the study has said which lidar")
 
     configuration = effective_configuration(
-        Configuration(),
+        SlamConfig(),
         config=folder / "out" / "best.toml",
         lidar=None,
         flags={"num_particles": None},
@@ -250,7 +250,7 @@ def complaint_of(*arguments):
     ],
 )
 def test_bad_input_is_one_line(at, monkeypatch, change, flags, message):
-    monkeypatch.setattr("jaxslam.study.cluster.CONNECT", 0.2)
+    monkeypatch.setattr("jaxslam.study.workers.CONNECT", 0.2)
     Path("plan.toml").write_text(PLAN.replace(*change), encoding="utf-8")
     assert message in complaint_of("study", "plan.toml", *flags)
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from jaxslam.cli import main
+from jaxslam.core.trajectory import interpolate_poses
 from jaxslam.io import read_map, write_map, write_tum
-from jaxslam.io.poses import interpolate_poses
 from jaxslam.range_network import RangeNetwork, load_network, save_network
 from jaxslam.report import file_sha256
 from jaxslam.report.localization import occupancy_levels

@@ -6,8 +6,8 @@ import numpy as np
 
 from experiments.tobacco_line.figures import DRAWN
 from experiments.tobacco_line.methods import ABLATION, COMPARED, EQUAL, evaluations
-from jaxslam.fusion import FusionSettings
-from jaxslam.optimise import FruitFlies
+from jaxslam.config.fusion import FusionSettings
+from jaxslam.matching.swarm import FruitFlies
 from tests.experiments.smoke import run_smoke
 
 

@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxslam.fusion import EKF, ImuNoise, OdometerNoise, fuse, merge, with_fused_odometry, yaw_track
-from jaxslam.inputs import Thinning, prepare_inputs
+from jaxslam.config.thinning import Thinning
+from jaxslam.fusion import EKF, ImuNoise, OdometerNoise, fuse, merge, yaw_track
 from jaxslam.io.log import ImuTrack, LogError, OdometryTrack, ScanTrack, SensorLog
+from jaxslam.pipeline.fusion import with_fused_odometry
+from jaxslam.pipeline.inputs import prepare_inputs
 
 STAMPS = np.arange(0.0, 20.0, 0.1)
 QUERIES = np.arange(0.0, 19.5, 0.5)
@@ -59,12 +61,12 @@ def test_the_gyro_puts_right_what_the_wheels_turn_wrong():
 
 
 def test_deltas_chain_up_to_the_poses():
-    from jaxslam.io.poses import compose_poses
+    from jaxslam.core import se2
 
     fused = run(odometry(), yaw_track(imu(), None))
     pose = fused.poses[0]
     for delta, expected in zip(fused.deltas[1:], fused.poses[1:], strict=True):
-        pose = compose_poses(pose, delta)
+        pose = se2.compose(pose, delta)
         np.testing.assert_allclose(pose[:2], expected[:2], atol=2e-3)
     assert np.linalg.eigvalsh(fused.covariances[1:]).min() > 0
     assert not fused.deltas[0].any()

@@ -5,16 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.grid import (
-    OccupancyModel,
-    add_scan,
-    cells_from_lidar,
-    probability,
-    quantise,
-    range_table,
-)
+from jaxslam.core.types import LidarScan
+from jaxslam.grid import OccupancyModel, add_scan, cells_from_lidar, probability, quantise, range_table
 from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT, NUM_BEARINGS
-from jaxslam.types import LidarScan
 
 MODEL = OccupancyModel(hit=2.7, miss=-1.2, limit=15.0, occupied_above=1.5)
 HIT, MISS, LIMIT = 18, -8, 100

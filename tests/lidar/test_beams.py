@@ -4,8 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxslam.core.types import LidarScan
 from jaxslam.lidar import scan_points, spread_beams
-from jaxslam.types import LidarScan
 
 
 def scan_of(ranges, valid, mounting=(0.0, 0.0, 0.0), angle_min=0.0, increment=np.pi / 2) -> LidarScan:

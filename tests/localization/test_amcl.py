@@ -8,13 +8,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.inputs import prepare_inputs
+from jaxslam.config.dotted import update
+from jaxslam.config.localization import LocalizationConfig
 from jaxslam.localization import AMCL, Averages, KLDSampling, Recovery, run
-from jaxslam.localization_configuration import LocalizationConfiguration, build_localizer
-from jaxslam.localize import localize_log, settled_elsewhere, start_at
+from jaxslam.localization.start import start_at
 from jaxslam.motion import OmnidirectionalMotion
+from jaxslam.pipeline.build import build_localizer
+from jaxslam.pipeline.inputs import prepare_inputs
+from jaxslam.pipeline.localize import localize_log, settled_elsewhere
 from jaxslam.resampling import normalise
-from jaxslam.settings import update
 from jaxslam.sim import sick, simulate, to_log
 from tests.localization.worlds import hall_map
 
@@ -30,13 +32,13 @@ def drive():
     occupancy, world, waypoints = hall_map()
     simulation = simulate(KEY, world, waypoints, lidar=sick(num_beams=61), duration=60.0)
     log = to_log(simulation, in_world_frame=True)
-    prepared = prepare_inputs(log, LocalizationConfiguration().thinning)
+    prepared = prepare_inputs(log, LocalizationConfig().thinning)
     return occupancy, prepared, np.asarray(simulation.scan_poses, float)[prepared.scan_index]
 
 
 @pytest.fixture(scope="module")
 def amcl(drive):
-    return build_localizer(update(LocalizationConfiguration(), SMALL), drive[0])
+    return build_localizer(update(LocalizationConfig(), SMALL), drive[0])
 
 
 def errors(result, truth):

@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxslam.core.types import LidarScan
 from jaxslam.localization import BeamModel, BeamSkipping, FieldModel, KnownMap
 from jaxslam.localization.scan_model import share_on_map
 from jaxslam.sensor.beam import Beam
-from jaxslam.types import LidarScan
 from tests.localization.worlds import room
 
 YES, NO = jnp.asarray(True), jnp.asarray(False)
@@ -60,7 +60,7 @@ def test_cubes_by_hand():
 @pytest.mark.parametrize("origin", [(3.0, -7.0, 0.0), (0.0, 0.0, 1.1), (-4.0, 2.0, -2.5)])
 @pytest.mark.parametrize("model", [FieldModel(), FieldModel(combine="cubes"), BeamModel(Beam(10.0))])
 def test_map_and_robot_moved_together_change_nothing(origin, model):
-    from jaxslam import se2
+    from jaxslam.core import se2
 
     scan = scan_of([0.9, 2.2, 1.1], lidar=(0.1, -0.05, 0.2))
     here = log_likelihood(model, KnownMap.of(room()), scan, POSE)

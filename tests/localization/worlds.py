@@ -5,7 +5,7 @@ import numpy as np
 from jaxslam.grid import GridSpec
 from jaxslam.io import OccupancyMap
 from jaxslam.sim import hall_small
-from jaxslam.sim.raster import rasterise
+from jaxslam.sim.rasterize import rasterise
 
 
 def hall_map(resolution=0.05):

@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam import se2
+from jaxslam.core import se2
+from jaxslam.grid import field_of_map
 from jaxslam.lidar import ScanPoints, surface_normals
 from jaxslam.matching import ICP, rigid_fit
-from jaxslam.sensor import field_of_map
 
 RESOLUTION = 0.05
 ANGLES = np.deg2rad(np.arange(-90.0, 90.0))

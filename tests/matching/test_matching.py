@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxslam.grid import field_of_map
 from jaxslam.lidar import ScanPoints, surface_normals
 from jaxslam.matching import CorrelativeSearch, GaussNewton, HeadingSearch, PosePrior
-from jaxslam.sensor import field_of_map
 
 RESOLUTION = 0.1
 ANGLES = np.deg2rad(np.arange(0, 360, 9))

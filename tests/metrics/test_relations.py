@@ -3,7 +3,8 @@ import gzip
 import numpy as np
 import pytest
 
-from jaxslam.io.poses import compose_poses, interpolate_poses, relative_poses
+from jaxslam.core import se2
+from jaxslam.core.trajectory import interpolate_poses
 from jaxslam.metrics import relation_errors, relation_residuals
 
 # A drive along x at 1 m/s with a left turn on the spot at 3 s; the odometry reads 10 % too far.
@@ -94,7 +95,7 @@ def test_invariant_to_a_rigid_motion_of_the_trajectory():
     queries = np.sort(rng.uniform(0, 49, (300, 2)), axis=1)
     deltas = rng.normal(0, 1, (300, 3))
     arguments = (np.arange(0.0, 50.0, 0.2), odometry, queries[:, 0], queries[:, 1], deltas)
-    moved = compose_poses(np.array([[200.0, -300.0, 2.0]]), poses)
+    moved = se2.compose(np.array([[200.0, -300.0, 2.0]]), poses)
     before = relation_residuals(stamps, poses, *arguments)
     after = relation_residuals(stamps, moved, *arguments)
     for first, second in zip(before, after, strict=True):
@@ -106,7 +107,7 @@ def test_truth_gives_zero_and_residuals_keep_the_order():
     stamps = np.arange(0.0, 20.0, 0.5)
     poses = np.cumsum(rng.normal(0, 0.3, (len(stamps), 3)), axis=0)
     pairs = rng.integers(0, len(stamps), (50, 2))
-    deltas = relative_poses(poses[pairs[:, 0]], poses[pairs[:, 1]])
+    deltas = se2.relative(poses[pairs[:, 0]], poses[pairs[:, 1]])
     deltas[7, 0] += 0.25
     times = stamps[pairs].T.copy()
     times[1, 9] = 99.0

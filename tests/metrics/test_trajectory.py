@@ -8,14 +8,8 @@ from evo.core import lie_algebra, metrics, sync
 from evo.core.trajectory import PoseTrajectory3D
 from evo.core.units import Unit
 
-from jaxslam.io.poses import compose_poses, relative_poses
-from jaxslam.metrics import (
-    absolute_trajectory_error,
-    align_se2,
-    associate,
-    pose_errors,
-    relative_pose_error,
-)
+from jaxslam.core import se2
+from jaxslam.metrics import absolute_trajectory_error, align_se2, associate, pose_errors, relative_pose_error
 
 
 def wander(seed: int, length: int = 200) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -28,7 +22,7 @@ def wander(seed: int, length: int = 200) -> tuple[np.ndarray, np.ndarray, np.nda
     reference = np.column_stack([position, np.mod(heading + np.pi, 2 * np.pi) - np.pi])
     noise = np.cumsum(rng.normal(0, [0.02, 0.02, 0.01], (length, 3)), axis=0)
     frame = np.array([[3.0, -7.0, 2.5]])
-    return stamps, reference, compose_poses(frame, compose_poses(reference, noise))
+    return stamps, reference, se2.compose(frame, se2.compose(reference, noise))
 
 
 def embed(stamps: np.ndarray, poses: np.ndarray) -> PoseTrajectory3D:
@@ -114,8 +108,8 @@ def test_relative_error_over_all_pairs_is_the_loop(delta, unit):
     for i in range(80):
         ends = [j for j in range(80) if progress[j] >= progress[i] + delta - 1e-6]
         if ends:
-            motions = [relative_poses(path[i], path[ends[0]]) for path in (reference, estimate)]
-            errors.append(relative_poses(*motions))
+            motions = [se2.relative(path[i], path[ends[0]]) for path in (reference, estimate)]
+            errors.append(se2.relative(*motions))
     distances = np.hypot(*np.array(errors)[:, :2].T)
 
     ours = relative_pose_error(stamps, reference, stamps, estimate, delta=delta, unit=unit)
@@ -153,9 +147,9 @@ def test_alignment_recovers_the_frame_exactly_far_from_the_origin():
     # UTM-sized coordinates: float64 resolves 1e-9 m there, so 1e-7 leaves room for the sums.
     reference[:, :2] += [4.5e5, 5.4e6]
     frame = np.array([-20.0, 31.0, -2.9])
-    estimate = relative_poses(frame[None], reference)
+    estimate = se2.relative(frame[None], reference)
     found = align_se2(reference, estimate)
-    np.testing.assert_allclose(compose_poses(found[None], estimate), reference, atol=1e-6)
+    np.testing.assert_allclose(se2.compose(found[None], estimate), reference, atol=1e-6)
     # The heading is good to rounding / spread ≈ 1e-9 / 1 m.
     assert found[2] == pytest.approx(-2.9, abs=1e-8)
 
@@ -164,7 +158,7 @@ def test_alignment_is_least_squares():
     _, reference, estimate = wander(7)
 
     def cost(pose: np.ndarray) -> float:
-        moved = compose_poses(pose[None], estimate)
+        moved = se2.compose(pose[None], estimate)
         return float(np.sum((moved[:, :2] - reference[:, :2]) ** 2))
 
     best = align_se2(reference, estimate)
@@ -174,7 +168,7 @@ def test_alignment_is_least_squares():
 
 def test_errors_ignore_the_frame_of_the_estimate():
     stamps, reference, estimate = wander(8)
-    moved = compose_poses(np.array([[100.0, 50.0, 1.0]]), estimate)
+    moved = se2.compose(np.array([[100.0, 50.0, 1.0]]), estimate)
     first = absolute_trajectory_error(stamps, reference, stamps, estimate)
     second = absolute_trajectory_error(stamps, reference, stamps, moved)
     for name, value in dataclasses.asdict(first).items():

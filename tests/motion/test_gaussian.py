@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from jaxslam import se2
+from jaxslam.core import se2
+from jaxslam.core.types import OdometryIncrement
 from jaxslam.motion import GaussianMotion
-from jaxslam.types import OdometryIncrement
 
 COVARIANCE = np.array([[4e-3, 1e-3, 2e-3], [1e-3, 2e-3, -1e-3], [2e-3, -1e-3, 5e-3]])
 ORIGIN = jnp.zeros(3, jnp.float32)

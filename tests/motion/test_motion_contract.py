@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import jaxslam.motion
-from jaxslam import se2
+from jaxslam.core import se2
+from jaxslam.core.types import OdometryIncrement
 from jaxslam.motion import (
     AbstractMotionModel,
     GaussianMotion,
@@ -15,7 +16,6 @@ from jaxslam.motion import (
     OmnidirectionalMotion,
     VelocityMotion,
 )
-from jaxslam.types import OdometryIncrement
 
 MODELS = {
     "odometry": OdometryMotion(),

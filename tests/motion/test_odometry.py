@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam import se2
+from jaxslam.core import se2
+from jaxslam.core.types import OdometryIncrement
 from jaxslam.motion import OdometryMotion
-from jaxslam.types import OdometryIncrement
 
 ORIGIN = jnp.zeros(3, jnp.float32)
 

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxslam.core.types import OdometryIncrement
 from jaxslam.motion import OmnidirectionalMotion
-from jaxslam.types import OdometryIncrement
 
 NUM_SAMPLES = 100_000
 # No two alike: an exchange of any two shows.

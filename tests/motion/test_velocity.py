@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxslam.core.types import OdometryIncrement
 from jaxslam.motion import VelocityMotion
-from jaxslam.types import OdometryIncrement
 
 ORIGIN = jnp.zeros(3, jnp.float32)
 

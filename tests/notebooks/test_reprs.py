@@ -7,14 +7,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.configuration import Configuration, build
+from jaxslam.config.slam import SlamConfig
+from jaxslam.config.thinning import Thinning
 from jaxslam.fusion import Fused
-from jaxslam.inputs import Thinning, prepare_inputs
 from jaxslam.io.log import FixTrack, ImuTrack, JointTrack, OdometryTrack, ScanTrack, SensorLog
 from jaxslam.localization import AMCLInfo, Cluster
-from jaxslam.localize import Cloud, LocalizationResult
-from jaxslam.preparation import Prepared
-from jaxslam.run import RunResult, Snapshot
+from jaxslam.pipeline.build import build
+from jaxslam.pipeline.inputs import prepare_inputs
+from jaxslam.pipeline.localize import Cloud, LocalizationResult
+from jaxslam.pipeline.prepare import Prepared
+from jaxslam.pipeline.run import RunResult, Snapshot
 from jaxslam.slam import StepInfo
 
 STAMPS = 100.0 + 0.5 * np.arange(500)
@@ -117,7 +119,7 @@ def test_a_localisation_tells_whether_it_found_the_robot(agreed, shown, warned):
 
 def test_what_is_prepared_tells_particles_maps_and_inputs():
     inputs = prepare_inputs(LOG, Thinning())
-    slam = build(Configuration(num_particles=7), inputs.odometry_bounds)
+    slam = build(SlamConfig(num_particles=7), inputs.odometry_bounds)
     maps = f"maps of {slam.grid.width} × {slam.grid.height} cells of 0.05 m"
     assert repr(Prepared(slam, inputs)) == f"Prepared(7 particles, {maps}, {inputs!r})"
     fused = Fused(
@@ -128,7 +130,7 @@ def test_what_is_prepared_tells_particles_maps_and_inputs():
 
 
 def test_a_result_tells_scans_particles_map_and_speed():
-    slam = build(Configuration(num_particles=3), np.array([[0.0, 0.0], [4.0, 2.0]]))
+    slam = build(SlamConfig(num_particles=3), np.array([[0.0, 0.0], [4.0, 2.0]]))
     infos = StepInfo(
         poses=jnp.zeros((500, 3, 3)),
         log_weights=jnp.zeros((500, 3)),

@@ -7,12 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam import se2
+from jaxslam.core import se2
+from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
+from jaxslam.grid import field_of_map
 from jaxslam.lidar.beams import scan_points
 from jaxslam.motion import OdometryMotion
 from jaxslam.proposal import GaussianProposal, MatchedProposal
-from jaxslam.sensor import LikelihoodField, field_of_map
-from jaxslam.types import LidarScan, OdometryIncrement, StepInputs
+from jaxslam.sensor import LikelihoodField
 
 NUM_BEAMS = 60
 SENSOR = LikelihoodField(sigma_hit=0.05, independent_beams=20.0, max_beams=NUM_BEAMS)

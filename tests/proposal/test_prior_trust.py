@@ -4,9 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxslam.core.types import OdometryIncrement
 from jaxslam.motion import GaussianMotion
-from jaxslam.proposal.candidate import PriorTrust
-from jaxslam.types import OdometryIncrement
+from jaxslam.proposal.prior import PriorTrust
 
 TRUST = PriorTrust(translation=1.0, rotation=1.0, least_translation=0.02, least_rotation=0.01)
 TINY = GaussianMotion(translation_floor=1e-4, rotation_floor=1e-4)

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 import jaxslam.proposal
-from jaxslam import se2
-from jaxslam.flags import Flag
+from jaxslam.core import se2
+from jaxslam.core.flags import Flag
+from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
+from jaxslam.grid import field_of_map
+from jaxslam.matching.swarm import FruitFlies
 from jaxslam.motion import GaussianMotion, OdometryMotion
-from jaxslam.optimise import FruitFlies
 from jaxslam.proposal import (
     AbstractProposal,
     FruitFlyProposal,
@@ -19,8 +21,7 @@ from jaxslam.proposal import (
     MatchedProposal,
     MotionProposal,
 )
-from jaxslam.sensor import LikelihoodField, field_of_map
-from jaxslam.types import LidarScan, OdometryIncrement, StepInputs
+from jaxslam.sensor import LikelihoodField
 
 NUM_BEAMS = 36
 PROPOSALS = {

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxslam.core.types import LidarScan
 from jaxslam.range_network import RangeNetwork
-from jaxslam.types import LidarScan
 
 SHORTEST, LONGEST = 0.12, 3.5
 

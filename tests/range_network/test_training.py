@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from jaxslam.range_network import RangeNetwork
-from jaxslam.range_network.training import (
-    Rows,
-    fit_levenberg_marquardt,
-    mean_squared_error,
-)
+from jaxslam.range_network.training import Rows, fit_levenberg_marquardt, mean_squared_error
 from jaxslam.range_network.training import fit_adam as strict_fit_adam
 
 LEARNT = np.linspace(0.12, 3.5, 35)

@@ -5,8 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.sensor import Beam, Endpoint, LikelihoodField, field_of_map
-from jaxslam.types import LidarScan
+from jaxslam.core.types import LidarScan
+from jaxslam.grid import field_of_map
+from jaxslam.sensor import Beam, Endpoint, LikelihoodField
 
 prepare = jax.jit(field_of_map, static_argnums=3)
 POSE = (0.25, 0.25, 0.0)

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import jaxslam.sensor
-from jaxslam import se2
-from jaxslam.sensor import AbstractSensorModel, Beam, Endpoint, LikelihoodField, field_of_map
-from jaxslam.types import LidarScan
+from jaxslam.core import se2
+from jaxslam.core.types import LidarScan
+from jaxslam.grid import field_of_map
+from jaxslam.sensor import AbstractSensorModel, Beam, Endpoint, LikelihoodField
 
 MODELS = {
     "likelihood field": LikelihoodField(max_beams=20),

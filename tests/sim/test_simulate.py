@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam import se2
+from jaxslam.core import se2
 from jaxslam.sim import (
     Imu,
     Lidar,

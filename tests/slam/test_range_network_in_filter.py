@@ -8,17 +8,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.flags import Flag
+from jaxslam.config.dotted import update
+from jaxslam.config.localization import LocalizationConfig
+from jaxslam.core.flags import Flag
+from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
 from jaxslam.grid import GridSpec, OccupancyModel
-from jaxslam.localization_configuration import LocalizationConfiguration, build_localizer
 from jaxslam.motion import OdometryMotion
+from jaxslam.pipeline.build import build_localizer
 from jaxslam.proposal import MotionProposal
 from jaxslam.range_network import RangeNetwork
 from jaxslam.resampling import AdaptiveResampling, SystematicResampler
 from jaxslam.sensor import LikelihoodField
-from jaxslam.settings import update
 from jaxslam.slam import RBPF
-from jaxslam.types import LidarScan, OdometryIncrement, StepInputs
 from tests.localization.worlds import hall_map
 
 NUM_BEAMS, NUM_STEPS = 24, 2
@@ -55,7 +56,7 @@ def rbpf() -> RBPF:
 
 @pytest.fixture(scope="module")
 def amcl():
-    configuration = update(LocalizationConfiguration(), {"max_particles": 600, "min_particles": 50})
+    configuration = update(LocalizationConfig(), {"max_particles": 600, "min_particles": 50})
     return build_localizer(configuration, hall_map()[0])
 
 

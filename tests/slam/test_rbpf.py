@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.flags import Flag
+from jaxslam.core.flags import Flag
+from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
 from jaxslam.grid import GridSpec, OccupancyModel, quantise
 from jaxslam.matching import CorrelativeSearch
 from jaxslam.motion import OdometryMotion
@@ -14,7 +15,6 @@ from jaxslam.proposal import MatchedProposal, MotionProposal
 from jaxslam.resampling import AdaptiveResampling, SystematicResampler
 from jaxslam.sensor import LikelihoodField
 from jaxslam.slam import RBPF, StepInfo, trajectory
-from jaxslam.types import LidarScan, OdometryIncrement, StepInputs
 
 NUM_PARTICLES, NUM_BEAMS, NUM_STEPS, SIZE = 4, 32, 6, 64
 POSE0 = jnp.asarray([-0.6, -0.2, 0.1], jnp.float32)

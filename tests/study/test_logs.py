@@ -6,14 +6,14 @@ import json
 import jax
 import numpy as np
 
+from jaxslam.config.lidar_presets import detect_lidar
+from jaxslam.config.toml import read_settings
 from jaxslam.io import write_tum
-from jaxslam.presets import detect_lidar
 from jaxslam.sim import make_world, sick, simulate, to_log
 from jaxslam.study.measure import load, measure
 from jaxslam.study.plan import Source, read_plan
 from jaxslam.study.report import write_configuration
 from jaxslam.study.search import with_lidars
-from jaxslam.toml import read_settings
 from tests.study.studies import FILTER, LOGS, SPACE, STUDY, write_plan
 
 

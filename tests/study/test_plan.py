@@ -5,10 +5,10 @@ import json
 
 import pytest
 
-from jaxslam import toml
-from jaxslam.configuration import Configuration
-from jaxslam.presets import PRESETS
-from jaxslam.settings import flatten, update
+from jaxslam.config import toml
+from jaxslam.config.dotted import flatten, update
+from jaxslam.config.lidar_presets import PRESETS
+from jaxslam.config.slam import SlamConfig
 from jaxslam.study.objectives import OBJECTIVES
 from jaxslam.study.plan import Plan, Source, read_plan
 from jaxslam.study.space import Parameter, Space
@@ -121,7 +121,7 @@ def test_the_filter_is_of_the_method_then_the_file_then_the_table(folder):
     study = '[study]\nmethod = "fruit-fly"\nconfig = "base.toml"\n'
     plan = plan_of(folder, study, LOGS, SPACE, "[filter]\nnum_particles = 5")
     wanted = update(
-        Configuration().with_method("fruit-fly"), {"num_particles": 5, "sensor.sigma_hit": 0.2}, exact=True
+        SlamConfig().with_method("fruit-fly"), {"num_particles": 5, "sensor.sigma_hit": 0.2}, exact=True
     )
     assert flatten(plan.configuration({})) == flatten(wanted)
 
@@ -309,7 +309,7 @@ def _takes(objective, source):
 def test_a_plan_is_a_file_of_its_own(folder):
     """What `jaxslam config` prints is no study, and is told so."""
     path = folder / "config.toml"
-    toml.save(path, Configuration())
+    toml.save(path, SlamConfig())
     with pytest.raises(ValueError, match="a study has no table 'num_particles'"):
         read_plan(path)
 

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 from PIL import Image
 
-from jaxslam import toml
-from jaxslam.configuration import Configuration
-from jaxslam.settings import flatten, update
+from jaxslam.config import toml
+from jaxslam.config.dotted import flatten, update
+from jaxslam.config.slam import SlamConfig
 from jaxslam.study import report as module
 from jaxslam.study.report import (
     FEWEST,
@@ -182,7 +182,7 @@ def test_the_best_configuration_can_be_run(made_up, tmp_path):
     text = (tmp_path / "best.toml").read_text()
     # The log's scans choose the lidar.
     assert "[lidar]" not in text
-    wanted = Configuration().with_method(best["method"])
+    wanted = SlamConfig().with_method(best["method"])
     rest = {name: value for name, value in best.items() if name != "method"}
     wanted = update(wanted, {"sensor.z_hit": 0.9, "map.margin": 5.0, **rest}, exact=True)
     assert flatten(toml.load(tmp_path / "best.toml")) == flatten(wanted)

@@ -9,13 +9,13 @@ import pytest
 from jax.experimental.compilation_cache import compilation_cache
 from optuna.trial import TrialState
 
-from jaxslam.flags import Flag
+from jaxslam.core.flags import Flag
 from jaxslam.io import Relations, SensorLog
 from jaxslam.io.log import OdometryTrack, ScanTrack
-from jaxslam.many import ManyResult
-from jaxslam.preparation import prepare
-from jaxslam.report.accuracy import reference_error
-from jaxslam.run import run_log
+from jaxslam.metrics.summary import reference_error
+from jaxslam.pipeline.many import ManyResult
+from jaxslam.pipeline.prepare import prepare
+from jaxslam.pipeline.run import run_log
 from jaxslam.study import measure as measuring
 from jaxslam.study.interrupts import Interrupts
 from jaxslam.study.measure import Loaded, TrialError, load, measure, program_of

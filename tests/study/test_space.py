@@ -7,11 +7,11 @@ import optuna
 import pytest
 from optuna.trial import FixedTrial
 
-from jaxslam.configuration import METHODS, Configuration
-from jaxslam.settings import flatten
+from jaxslam.config.dotted import flatten
+from jaxslam.config.slam import METHODS, SlamConfig
 from jaxslam.study.space import VALUES_OF_A_SIZE, Parameter, Space
 
-BASE = Configuration()
+BASE = SlamConfig()
 
 
 def space_of(**tables) -> Space:

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from jaxslam.types import LidarScan
+from jaxslam.core.types import LidarScan
 from jaxslam.viz import plot_covariance, plot_map, plot_particles, plot_scan, plot_trajectory, plot_walls
 
 

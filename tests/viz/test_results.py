@@ -7,7 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from jaxslam.grid import GridSpec
-from jaxslam.run import RunResult
+from jaxslam.pipeline.run import RunResult
 from jaxslam.slam import StepInfo
 from jaxslam.viz import plot_run
 

@@ -1,0 +1,1 @@
+"""Everything that a user sets, without any algorithm."""

@@ -1,0 +1,208 @@
+"""Configurations as named scalars: the one mechanism under flags, TOML and `--set`.
+
+A configuration is a tree of frozen dataclasses, and so is a filter. Its scalars have dotted names, such as
+`proposal.fine.sigma_cells`; a part that can be chosen from several classes also has a `kind`, such as
+`proposal.kind`. Everything is derived from the fields: a new field needs no line here. Arrays and devices are
+not settings.
+"""
+
+import dataclasses
+import difflib
+import inspect
+import math
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any, TypeVar
+
+from jaxslam.config.registry import VARIANTS, choices, kind
+
+Scalar = bool | int | float | str
+Tree = TypeVar("Tree")
+KIND = "kind"
+
+
+def flatten(tree: object) -> dict[str, Scalar]:
+    """Every scalar of a configuration by its dotted name, in the order of the fields."""
+    return {name: value for name, value, _ in _walk(tree, "")}
+
+
+def descriptions(tree: object) -> dict[str, str]:
+    """What each scalar means, from the `Attributes:` of the docstrings; empty where they do not say."""
+    return {name: text for name, _, text in _walk(tree, "")}
+
+
+def update(tree: Tree, changes: Mapping[str, object], *, exact: bool = False) -> Tree:
+    """A configuration with some scalars changed, all at once.
+
+    Choices (`proposal.kind`, or `proposal` for short) come first: a part of another class starts from
+    that class' defaults, and the other changes may name its fields.
+
+    Args:
+        tree: the configuration.
+        changes: new values by dotted name.
+        exact: demand whole names; otherwise any last parts that fit only one name will do.
+
+    Raises:
+        ValueError: an unknown or ambiguous name (the nearest is named), a value of the wrong type, not
+            finite, or out of range.
+    """
+    rest = dict(changes)
+    while chosen := next(((name, full) for name in rest if (full := _choice(tree, name, exact))), None):
+        given, full = chosen
+        tree = _rebuild(tree, {full: rest.pop(given)}, "")
+    resolved: dict[str, object] = {}
+    for name, value in rest.items():
+        known = _resolve(name, list(flatten(tree)), exact)
+        if known in resolved:
+            raise ValueError(f"{known} is given twice, once as {name}: give it once")
+        resolved[known] = value
+    return _rebuild(tree, resolved, "")
+
+
+def parse_assignment(text: str) -> tuple[str, Scalar]:
+    """Name and value of `name=value`, as `--set` takes it.
+
+    Example:
+        `parse_assignment("num_particles=50")` is `("num_particles", 50)`.
+
+    Raises:
+        ValueError: there is no name or no `=`.
+    """
+    name, equals, value = (part.strip() for part in text.partition("="))
+    if not (name and equals and value):
+        raise ValueError(f"--set {text!r} is not name=value, such as --set sensor.sigma_hit=0.1")
+    return name, parse_scalar(value)
+
+
+def parse_scalar(text: str) -> Scalar:
+    """A value as written on the command line: a whole number, a number, true or false, else text."""
+    if text in ("true", "false"):
+        return text == "true"
+    for number in (int, float):
+        try:
+            return number(text)
+        except ValueError:
+            continue
+    return text
+
+
+def _walk(tree: object, prefix: str, declared: object = None) -> Iterator[tuple[str, Scalar, str]]:
+    meanings = _attributes(type(tree))
+    # A part that is declared as one class is no choice, though others could be in the place of such a one.
+    if declared in VARIANTS:
+        yield prefix + KIND, kind(tree), f"one of {', '.join(choices(tree))}"
+    fields = dataclasses.fields(tree)  # type: ignore[arg-type]
+    # Scalars first: in TOML they would otherwise belong to the table of the part before them.
+    for field in fields:
+        value = getattr(tree, field.name)
+        if _is_scalar(value):
+            yield prefix + field.name, _plain(value, field.type), meanings.get(field.name, "")
+    for field in fields:
+        value = getattr(tree, field.name)
+        if dataclasses.is_dataclass(value):
+            yield from _walk(value, f"{prefix}{field.name}.", field.type)
+
+
+def _is_scalar(value: object) -> bool:
+    return isinstance(value, bool | int | float | str) or getattr(value, "ndim", None) == 0
+
+
+def _plain(value: Any, annotation: object) -> Scalar:
+    return value if annotation in (int, bool, str) else float(value)
+
+
+def _attributes(class_: type) -> dict[str, str]:
+    """The `Attributes:` section of a Google-style docstring, one line of text per name."""
+    lines = (inspect.getdoc(class_) or "").splitlines()
+    if "Attributes:" not in lines:
+        return {}
+    found: dict[str, str] = {}
+    names: list[str] = []
+    for line in lines[lines.index("Attributes:") + 1 :]:
+        if line and not line.startswith(" "):
+            break
+        entry = re.match(r" {4}(\w+(?:, \w+)*): (.*)", line)
+        names = entry[1].split(", ") if entry else names
+        for name in names:
+            text = entry[2] if entry else line.strip()
+            found[name] = f"{found.get(name, '')} {text}".strip()
+    return found
+
+
+def _choice(tree: object, name: str, exact: bool) -> str | None:
+    """Full name of the `kind` that a name stands for, or None."""
+    kinds = [full for full in flatten(tree) if full.endswith("." + KIND)]
+    for wanted in (name, f"{name}.{KIND}"):
+        fits = [full for full in kinds if full == wanted or (not exact and full.endswith("." + wanted))]
+        if len(fits) == 1:
+            return fits[0]
+    return None
+
+
+def _resolve(name: str, names: list[str], exact: bool) -> str:
+    if name in names:
+        return name
+    fits = [] if exact else [full for full in names if full.endswith("." + name)]
+    if len(fits) == 1:
+        return fits[0]
+    if fits:
+        raise ValueError(f"{name!r} could be {', '.join(fits)}: give more of the name")
+    raise ValueError(
+        f"no setting is called {name!r}: did you mean {_nearest(name, names)!r}? "
+        "`jaxslam config` prints those of `run`, and `config.toml` of a run folder has all of that run"
+    )
+
+
+def _nearest(name: str, names: list[str]) -> str:
+    def likeness(full: str) -> float:
+        parts = full.split(".")
+        endings = (".".join(parts[start:]) for start in range(len(parts)))
+        return max(difflib.SequenceMatcher(None, name, ending).ratio() for ending in endings)
+
+    return max(names, key=likeness)
+
+
+def _rebuild(tree: Any, changes: Mapping[str, object], prefix: str) -> Any:
+    """The tree with the named scalars replaced; parts without a change stay the same objects."""
+    new: dict[str, object] = {}
+    for field in dataclasses.fields(tree):
+        name, value = prefix + field.name, getattr(tree, field.name)
+        if dataclasses.is_dataclass(value):
+            part = _chosen(value, name, changes)
+            part = _rebuild(part, changes, name + ".")
+            if part is not value:
+                new[field.name] = part
+        elif name in changes:
+            new[field.name] = _converted(name, changes[name], field.type)
+    return dataclasses.replace(tree, **new) if new else tree
+
+
+def _chosen(part: object, name: str, changes: Mapping[str, object]) -> object:
+    wanted = changes.get(f"{name}.{KIND}")
+    if wanted is None or wanted == kind(part):
+        return part
+    known = choices(part)
+    if wanted not in known:
+        nearest = difflib.get_close_matches(str(wanted), known, n=1, cutoff=0.0)[0]
+        raise ValueError(f"{name} is {wanted!r}: did you mean {nearest!r}? There are {', '.join(known)}")
+    return known[str(wanted)]()
+
+
+def _converted(name: str, value: object, annotation: object) -> Scalar:
+    if annotation is str:
+        return _of_type(name, value, isinstance(value, str), "text", str)
+    if annotation is bool:
+        return _of_type(name, value, isinstance(value, bool), "true or false", bool)
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if annotation is int:
+        count = _of_type(name, value, is_number and isinstance(value, int), "a whole number", int)
+        # What is counted, particles, beams, cells or iterations, is there at least once.
+        return _of_type(name, value, count >= 1, "1 or more", int)
+    number = _of_type(name, value, is_number, "a number", float)
+    return _of_type(name, value, math.isfinite(number), "a finite number", float)
+
+
+def _of_type(name: str, value: Any, fits: bool, wanted: str, convert: type) -> Any:
+    if not fits:
+        raise ValueError(f"{name} is {value!r}: give {wanted}")
+    return convert(value)

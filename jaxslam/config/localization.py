@@ -1,0 +1,109 @@
+"""Everything that decides a localisation besides the log, the map, the start and the seed."""
+
+import dataclasses
+import math
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from jaxslam.config.lidar import LidarSettings
+from jaxslam.config.lidar_presets import PRESETS, LidarPreset
+from jaxslam.config.thinning import Thinning
+from jaxslam.core.validation import require_at_least_zero
+from jaxslam.localization import (
+    Agreement,
+    Clustering,
+    FieldModel,
+    KLDSampling,
+    Recovery,
+)
+from jaxslam.localization.scan_model import AbstractScanModel
+from jaxslam.motion import AbstractMotionModel, OdometryMotion
+
+Number = float | Float[Array, ""]
+
+_WIDEST_START = 1e4
+
+
+class StartSettings(eqx.Module):
+    """How well a start that is given is known.
+
+    Attributes:
+        deviation: standard deviation of its x and of its y, metres.
+        rotation_deviation: and of its heading, radians.
+    """
+
+    deviation: Number = 0.5
+    rotation_deviation: Number = 0.26
+
+    def __check_init__(self):
+        require_at_least_zero(self)
+        for name in ("deviation", "rotation_deviation"):
+            value = getattr(self, name)
+            if isinstance(value, float) and value > _WIDEST_START:
+                raise ValueError(f"start.{name} is {value:g}: a start that unsure is --global")
+
+
+class BinSettings(eqx.Module):
+    """Bins over poses, which say how far the particles are spread.
+
+    Attributes:
+        translation: side of a bin, metres.
+        rotation: width of a bin, radians.
+    """
+
+    translation: Number = 0.5
+    rotation: Number = math.pi / 18
+
+    def __check_init__(self):
+        require_at_least_zero(self, positive=("translation", "rotation"))
+
+
+class LocalizationConfig(eqx.Module):
+    """A whole localisation and how it is fed. Floats are traced, sizes and choices static.
+
+    Attributes:
+        max_particles: N, room for particles; a global start fills it (static).
+        max_distance: end points farther than this from any obstacle are all alike, metres.
+        resample_below: resample where the effective sample size is under this share of the particles; over
+            1 resamples in every step.
+        min_valid_beams: a scan with fewer among those that are looked at moves the particles by odometry
+            alone.
+        lidar: ranges of the sensor.
+        thinning: which scans are processed (static: it decides how many steps there are).
+        start: how well a start that is given is known.
+        bins: to count where particles are.
+        motion: p(x_t | x_{t−1}, u_t).
+        scan_model: p(z_t | x_t, m).
+        sampling: how many particles are needed.
+        recovery: how many of them come from the whole map.
+        clustering: where the estimate is.
+        agreement: what counts as converged and as lost.
+    """
+
+    max_particles: int = eqx.field(static=True, default=100_000)
+    max_distance: Number = 2.0
+    resample_below: Number = 0.5
+    min_valid_beams: Number = 5.0
+    lidar: LidarSettings = LidarSettings.of(PRESETS["sick"])
+    thinning: Thinning = eqx.field(static=True, default=Thinning())
+    start: StartSettings = StartSettings()
+    bins: BinSettings = BinSettings()
+    motion: AbstractMotionModel = OdometryMotion()
+    scan_model: AbstractScanModel = FieldModel()
+    sampling: KLDSampling = KLDSampling()
+    recovery: Recovery = Recovery()
+    clustering: Clustering = Clustering()
+    agreement: Agreement = Agreement()
+
+    def __check_init__(self):
+        if self.max_particles < 1:
+            raise ValueError(f"max_particles is {self.max_particles}: give 1 or more")
+        for name, value in dataclasses.asdict(self.thinning).items():
+            if not value >= 0:
+                raise ValueError(f"thinning.{name} is {value}: give 0 or more")
+        require_at_least_zero(self, positive=("max_distance",))
+
+    def with_lidar(self, preset: LidarPreset) -> "LocalizationConfig":
+        """The same with the ranges of a lidar."""
+        return dataclasses.replace(self, lidar=LidarSettings.of(preset))

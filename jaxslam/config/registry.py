@@ -1,0 +1,79 @@
+"""The choices a configuration has, by name. A new proposal, model or scheme is one more line here."""
+
+import equinox as eqx
+
+from jaxslam.localization.scan_model import AbstractScanModel, BeamModel, FieldModel
+from jaxslam.motion import (
+    AbstractMotionModel,
+    GaussianMotion,
+    OdometryMotion,
+    OmnidirectionalMotion,
+    VelocityMotion,
+)
+from jaxslam.proposal.base import AbstractProposal
+from jaxslam.proposal.fruit_fly import FruitFlyProposal
+from jaxslam.proposal.gaussian import GaussianProposal
+from jaxslam.proposal.matched import MatchedProposal
+from jaxslam.proposal.motion import MotionProposal
+from jaxslam.resampling import (
+    AbstractResampler,
+    MultinomialResampler,
+    ResidualResampler,
+    StratifiedResampler,
+    SystematicResampler,
+)
+from jaxslam.sensor.base import AbstractSensorModel
+from jaxslam.sensor.beam import Beam
+from jaxslam.sensor.endpoint import Endpoint
+from jaxslam.sensor.likelihood_field import LikelihoodField
+
+VARIANTS: dict[type[eqx.Module], dict[str, type[eqx.Module]]] = {
+    AbstractMotionModel: {
+        "odometry": OdometryMotion,
+        "velocity": VelocityMotion,
+        "omnidirectional": OmnidirectionalMotion,
+        "gaussian": GaussianMotion,
+    },
+    AbstractSensorModel: {
+        "likelihood_field": LikelihoodField,
+        "beam": Beam,
+        "endpoint": Endpoint,
+    },
+    AbstractScanModel: {
+        "field": FieldModel,
+        "beam": BeamModel,
+    },
+    AbstractProposal: {
+        "motion": MotionProposal,
+        "matched": MatchedProposal,
+        "fruit_fly": FruitFlyProposal,
+        "gaussian": GaussianProposal,
+    },
+    AbstractResampler: {
+        "systematic": SystematicResampler,
+        "stratified": StratifiedResampler,
+        "residual": ResidualResampler,
+        "multinomial": MultinomialResampler,
+    },
+}
+"""Classes by name, by the abstract class that they implement. All must be made without arguments."""
+
+
+def choices(part: object) -> dict[str, type[eqx.Module]]:
+    """What could stand in the place of `part`, by name; empty where there is no choice."""
+    for base, named in VARIANTS.items():
+        if isinstance(part, base):
+            return named
+    return {}
+
+
+def kind(part: object) -> str:
+    """The registered name of the class of `part`.
+
+    Raises:
+        ValueError: its class is not registered.
+    """
+    for name, variant in choices(part).items():
+        if type(part) is variant:
+            return name
+    raise ValueError(f"{type(part).__name__} is not registered: add it to jaxslam.config.registry.VARIANTS")

@@ -1,0 +1,16 @@
+"""Which scans of a log a filter processes."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Thinning:
+    """Which scans a filter processes: those taken after the robot has moved enough.
+
+    Attributes:
+        min_translation: path length since the last processed scan that makes the next one due, metres.
+        min_rotation: or the sum of turning, radians.
+    """
+
+    min_translation: float = 0.2
+    min_rotation: float = 0.2

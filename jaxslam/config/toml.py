@@ -1,0 +1,103 @@
+"""Configurations as TOML files that explain themselves."""
+
+import json
+import textwrap
+import tomllib
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+from equinox import Module
+
+from jaxslam.config.dotted import KIND, Scalar, Tree, descriptions, flatten, update
+from jaxslam.config.slam import SlamConfig
+
+
+def dumps(configuration: Module, *, without: str | None = None) -> str:
+    """Every setting as TOML text, each under a comment with its meaning and unit.
+
+    Args:
+        configuration: what is written.
+        without: a table that is left out, or None.
+    """
+    meanings = descriptions(configuration)
+    lines: list[str] = []
+    table = ""
+    for name, value in flatten(configuration).items():
+        parent, _, key = name.rpartition(".")
+        if without is not None and parent == without:
+            continue
+        if parent != table:
+            table = parent
+            lines += ["", f"[{table}]"]
+        # What is static is of no concern to who writes the file.
+        meaning = meanings[name].replace(" (static)", "").replace("(static, ", "(")
+        lines += textwrap.wrap(meaning, 100, initial_indent="# ", subsequent_indent="# ")
+        lines.append(f"{key} = {_literal(value)}")
+    return "\n".join(lines) + "\n"
+
+
+def save(path: str | Path, configuration: Module) -> None:
+    """Writes a configuration; `load` gives the same one back.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    Path(path).write_text(dumps(configuration), encoding="utf-8")
+
+
+def read_settings(path: str | Path) -> dict[str, object]:
+    """The values of a TOML file by dotted name, not yet checked against any configuration.
+
+    Raises:
+        ValueError: the file is not TOML; one line that says where.
+        OSError: the file cannot be read.
+    """
+    try:
+        tables = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except UnicodeDecodeError:
+        raise ValueError(
+            f"{path}: not a text file: give a TOML file, as `jaxslam config` prints it"
+        ) from None
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{path}: not valid TOML: {error}") from None
+    return named(tables)
+
+
+def load(path: str | Path, base: SlamConfig | None = None) -> SlamConfig:
+    """Reads a configuration; what the file does not name is taken from `base` (None: the defaults).
+
+    Raises:
+        ValueError: the file is not TOML, or a name or value in it is wrong; one line.
+        OSError: the file cannot be read.
+    """
+    return apply(path, read_settings(path), SlamConfig() if base is None else base)
+
+
+def named(table: Mapping[str, object], leaves: Collection[str] = (), prefix: str = "") -> dict[str, object]:
+    """What stands in nested tables by dotted name; choices of parts before what is set in them.
+
+    Args:
+        table: as TOML has it.
+        leaves: keys by which a table is known to be a value, and not a part of the configuration.
+        prefix: of all names.
+    """
+    found: list[tuple[str, object]] = []
+    for key, value in table.items():
+        inner = isinstance(value, Mapping) and not any(leaf in value for leaf in leaves)
+        found += named(value, leaves, f"{prefix}{key}.").items() if inner else [(prefix + key, value)]  # type: ignore[arg-type]
+    return dict(sorted(found, key=lambda item: not item[0].endswith(KIND)))
+
+
+def apply(path: str | Path, values: Mapping[str, object], base: Tree) -> Tree:
+    """`base` with the values that were read from a file; the file's name leads every complaint."""
+    try:
+        return update(base, values, exact=True)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _literal(value: Scalar) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    # A JSON string without surrogates is a TOML basic string.
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)

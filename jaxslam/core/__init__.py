@@ -1,0 +1,1 @@
+"""What everything else is made of: poses, scans, flags, small matrices and checks."""

@@ -1,0 +1,128 @@
+"""Trajectories on the host: interpolation, dead reckoning, length and rotation, in NumPy and float64.
+
+float32 would lose centimetres on a map in UTM coordinates. Poses are `[..., 3]` = (x m, y m, theta rad);
+angles that are returned lie in [−π, π).
+"""
+
+import numpy as np
+from jaxtyping import Float64, Int
+
+from jaxslam.core import se2
+
+# Logs and relation files print stamps with few decimals, so equal times differ by rounding, seconds.
+STAMP_TOLERANCE = 1e-6
+
+
+def interpolate_poses(
+    stamps: Float64[np.ndarray, "M"],
+    poses: Float64[np.ndarray, "M 3"],
+    query: Float64[np.ndarray, "Q"],
+) -> Float64[np.ndarray, "Q 3"]:
+    """Poses of a trajectory at other times: linear in x and y, along the shorter arc in theta.
+
+    Args:
+        stamps: `[M]` seconds, not decreasing, M ≥ 1.
+        poses: `[M, 3]` the trajectory.
+        query: `[Q]` seconds. Before the first and after the last stamp the end pose is held.
+
+    Returns:
+        `[Q, 3]` poses in the same frame.
+
+    Raises:
+        ValueError: an empty trajectory, or stamps that decrease.
+
+    Example:
+        Between headings 3 and −3 rad the middle is −π (through ±π), not 0.
+    """
+    if stamps.size == 0:
+        raise ValueError("cannot interpolate an empty trajectory: it has no poses")
+    if np.any(np.diff(stamps) < 0):
+        row = int(np.flatnonzero(np.diff(stamps) < 0)[0]) + 1
+        raise ValueError(f"stamps decrease at row {row} ({stamps[row]!r}): sort the trajectory")
+    headings = np.unwrap(poses[:, 2])
+    x, y, theta = (np.interp(query, stamps, track) for track in (poses[:, 0], poses[:, 1], headings))
+    return np.stack([x, y, se2.wrap(theta)], axis=-1)
+
+
+def carry_on(
+    times: Float64[np.ndarray, "Q"],
+    stamps: Float64[np.ndarray, "S"],
+    poses: Float64[np.ndarray, "S 3"],
+    odometry_stamps: Float64[np.ndarray, "K"],
+    odometry_poses: Float64[np.ndarray, "K 3"],
+) -> Float64[np.ndarray, "Q 3"]:
+    """Poses at other times: the last pose at or before each, moved on by the odometry since.
+
+    Args:
+        times: `[Q]` seconds; the first pose is held before its stamp.
+        stamps: `[S]` seconds, not decreasing, S ≥ 1.
+        poses: `[S, 3]` the trajectory, any frame.
+        odometry_stamps: `[K]` seconds, not decreasing, K ≥ 1.
+        odometry_poses: `[K, 3]` integrated odometry in its own frame; held beyond its ends.
+
+    Example:
+        Pose (5, 0, 0) at 1 s, odometry at 0.5 m/s along x: (5.25, 0, 0) at 1.5 s.
+    """
+    last = np.maximum(np.searchsorted(stamps, times + STAMP_TOLERANCE, side="right") - 1, 0)
+    since = interpolate_poses(odometry_stamps, odometry_poses, stamps[last])
+    now = interpolate_poses(odometry_stamps, odometry_poses, np.maximum(times, stamps[last]))
+    return se2.compose(poses[last], se2.relative(since, now))
+
+
+def path_length(poses: Float64[np.ndarray, "M 3"]) -> float:
+    """Length of the polyline through the positions, metres."""
+    return float(np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1).sum())
+
+
+def net_rotation(poses: Float64[np.ndarray, "M 3"]) -> float:
+    """Heading change from the first to the last pose with full turns counted, radians."""
+    return float(se2.wrap(np.diff(poses[:, 2])).sum())
+
+
+def yaw_from_quaternion(
+    quaternions: Float64[np.ndarray, "*batch 4"],
+) -> Float64[np.ndarray, "*batch"]:
+    """Yaw in radians of quaternions `[..., 4]` in the order x, y, z, w; any non-zero norm.
+
+    The heading of the rotated x axis in the plane, which is the yaw of the ZYX Euler angles.
+    """
+    x, y, z, w = (quaternions[..., axis] for axis in range(4))
+    return np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
+
+
+def poses_along(
+    odometry: Float64[np.ndarray, "S 3"], rows: Int[np.ndarray, "T"], poses: Float64[np.ndarray, "T 3"]
+) -> Float64[np.ndarray, "S 3"]:
+    """A pose for every odometry pose from those known at some of them.
+
+    Between two known poses odometry carries the first on and the second back, and the way in between
+    leads over from the one to the other as the robot moves; before the first and after the last there is
+    only one of them. That needs the later pose, so it is for the path of a finished run.
+
+    Args:
+        odometry: `[S, 3]` integrated odometry in its own frame (m, m, rad).
+        rows: `[T]` which of them are known, increasing, T ≥ 1.
+        poses: `[T, 3]` the known ones, world frame.
+
+    Returns:
+        `[S, 3]` poses in the world frame; `poses` at `rows`.
+
+    Example:
+        Odometry at x = 0, 1, 2, known poses x = 0 and 2.2 at its ends: 1.1 in the middle.
+    """
+    steps = se2.relative(odometry[:-1], odometry[1:])
+    # A radian counts like a metre: it is which share of the way was gone that matters, not its length.
+    moved = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]) + np.abs(steps[:, 2]))])
+    row = np.arange(len(odometry))
+    earlier = np.clip(np.searchsorted(rows, row, side="right") - 1, 0, len(rows) - 1)
+    later = np.minimum(earlier + (row > rows[earlier]), len(rows) - 1)
+    onward = se2.compose(poses[earlier], se2.relative(odometry[rows[earlier]], odometry))
+    back = se2.compose(poses[later], se2.relative(odometry[rows[later]], odometry))
+    way = moved[rows[later]] - moved[rows[earlier]]
+    share = np.clip((moved - moved[rows[earlier]]) / np.where(way > 0.0, way, 1.0), 0.0, 1.0)
+    gap = back - onward
+    gap[:, 2] = se2.wrap(gap[:, 2])
+    through = onward + share[:, None] * gap
+    through[:, 2] = se2.wrap(through[:, 2])
+    through[rows] = poses
+    return through

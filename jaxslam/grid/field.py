@@ -1,0 +1,230 @@
+"""The prepared map: distance to the nearest obstacle, at the map's resolution and coarser."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, Int8, UInt8, UInt16
+
+from jaxslam.grid.distance import margin_rows, squared_distance_flat
+from jaxslam.xla.materialise import computed_once
+
+COARSE_FACTOR = 4
+"""Cells of the map along one side of a coarse cell."""
+COARSE_RADIUS = 5
+"""Truncation radius of the coarse level, in coarse cells: 1 m at 5 cm cells."""
+
+
+class DistanceField(eqx.Module):
+    """Truncated squared distance to the nearest occupied cell, row after row.
+
+    Attributes:
+        pairs: `[height · width]` squared cells, at most `radius² + 1`: a cell's own in the low byte and its
+            right neighbour's in the high one, so that interpolation takes two look-ups and not four. The
+            highest bit of each byte tells that nobody has seen the cell yet.
+        origin: `[2]` world position of the lower-left corner, metres.
+        resolution: side of a cell, metres.
+        height: rows (static).
+        width: columns (static).
+        radius: truncation radius in cells (static).
+    """
+
+    pairs: UInt16[Array, "cells"]
+    origin: Float[Array, "2"]
+    resolution: Float[Array, ""]
+    height: int = eqx.field(static=True)
+    width: int = eqx.field(static=True)
+    radius: int = eqx.field(static=True)
+
+    def squared_distance(self, points: Float[Array, "B 2"]) -> Float[Array, "B"]:
+        """Squared distance in m² from the cells that hold the points; truncated off the field."""
+        return self.look_up(points)[0]
+
+    def look_up(self, points: Float[Array, "B 2"]) -> tuple[Float[Array, "B"], Bool[Array, "B"]]:
+        """Squared distance in m² at the points, and which lie in space not yet seen, off any obstacle."""
+        scale = 1.0 / self.resolution
+        column = jnp.floor((points[:, 0] - self.origin[0]) * scale).astype(jnp.int32)
+        row = jnp.floor((points[:, 1] - self.origin[1]) * scale).astype(jnp.int32)
+        side = self.radius
+        inside = (column >= side) & (column < self.width - side) & (row >= 0) & (row < self.height)
+        found = self._look_up(jnp.where(inside, row * self.width + column, 0))
+        squared_cells = jnp.where(inside, (found & jnp.uint16(0x7F)).astype(jnp.float32), self._far)
+        unseen = inside & ((found & jnp.uint16(0x80)) > 0) & (squared_cells >= self._far)
+        return squared_cells * self.resolution * self.resolution, unseen
+
+    @property
+    def _far(self) -> float:
+        return self.radius * self.radius + 1.0
+
+    def across(
+        self, points: Float[Array, "B 2"], normals: Float[Array, "B 2"]
+    ) -> tuple[Float[Array, "B"], Float[Array, "B"], Float[Array, "B 2"]]:
+        """How far the points lie from the nearest obstacle, across the walls that they belong to.
+
+        Past the end of a wall that the map does not know yet, the nearest obstacle lies along the wall and
+        would draw the scan back; across it, there is nothing to correct.
+
+        Args:
+            points: `[B, 2]` metres, world frame.
+            normals: `[B, 2]` unit vectors across the walls, world frame; zero where not known.
+
+        Returns:
+            Distance `[B]`, signed distance across `[B]` and the direction `[B, 2]` in which the latter grows
+            by its own length: the normal, or where that is not known the way from the obstacle. In cells,
+            interpolated between cell centres.
+        """
+        distance, slope_x, slope_y = self._interpolate(points[:, 0], points[:, 1])
+        x, y = normals[:, 0], normals[:, 1]
+        flat = (x != 0.0) | (y != 0.0)
+        cosine = jnp.where(flat, x * slope_x + y * slope_y, 1.0)
+        direction = jnp.stack([jnp.where(flat, x, slope_x), jnp.where(flat, y, slope_y)], axis=-1)
+        return distance, distance * cosine, direction
+
+    def _interpolate(
+        self, x: Float[Array, "B"], y: Float[Array, "B"]
+    ) -> tuple[Float[Array, "B"], Float[Array, "B"], Float[Array, "B"]]:
+        """Distance in cells and its slopes (cells per cell) at the points, bilinear between cell centres."""
+        squared, along, up = self.corners(x, y)
+        lower_left, lower_right, upper_left, upper_right = (jnp.sqrt(d) for d in squared)
+        slope_lower, slope_upper = lower_right - lower_left, upper_right - upper_left
+        lower, upper = lower_left + along * slope_lower, upper_left + along * slope_upper
+        slope_x = slope_lower + up * (slope_upper - slope_lower)
+        slope_y = upper - lower
+        return lower + up * slope_y, slope_x, slope_y
+
+    def corners(
+        self, x: Float[Array, "B"], y: Float[Array, "B"]
+    ) -> tuple[tuple[Float[Array, "B"], ...], Float[Array, "B"], Float[Array, "B"]]:
+        """Squared distances in cells² at the four cell centres around each point.
+
+        Returns:
+            Lower left, lower right, upper left and upper right `[B]`, then how far between them the point
+            lies along x and along y, 0 to 1. Points off the field are moved to its edge.
+        """
+        scale = 1.0 / self.resolution
+        column = jnp.clip((x - self.origin[0]) * scale - 0.5, 0.0, self.width - 1.01)
+        row = jnp.clip((y - self.origin[1]) * scale - 0.5, 0.0, self.height - 1.01)
+        left, low = column.astype(jnp.int32), row.astype(jnp.int32)
+        index = low * self.width + left
+        lower, upper = self._look_up(index), self._look_up(index + self.width)
+        mask, shift = jnp.uint16(0x7F), jnp.uint16(8)
+        values = (lower & mask, (lower >> shift) & mask, upper & mask, (upper >> shift) & mask)
+        along, up = column - left.astype(jnp.float32), row - low.astype(jnp.float32)
+        return tuple(value.astype(jnp.float32) for value in values), along, up
+
+    def _look_up(self, index: Int[Array, "B"]) -> UInt16[Array, "B"]:
+        return self.pairs.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
+
+
+class Field(eqx.Module):
+    """A map window prepared for scoring and matching.
+
+    Attributes:
+        fine: distances at the map's own resolution.
+        coarse: distances over `COARSE_FACTOR` times larger cells: a wider basin for the matcher.
+    """
+
+    fine: DistanceField
+    coarse: DistanceField
+
+
+def window_rows(size: int, radius: int) -> int:
+    """Rows that a window of `size` columns must have to be prepared: the field's and its margins."""
+    return size + 2 * margin_rows(radius)
+
+
+def prepare_field(
+    window: Int8[Array, "rows size"],
+    occupied_above: Int8[Array, ""],
+    origin: Float[Array, "2"],
+    resolution: Float[Array, ""],
+    radius: int,
+) -> Field:
+    """Distance fields of a window of `window_rows` rows.
+
+    Args:
+        window: log-odds in fixed point; 0 where nothing is known.
+        occupied_above: cells over this are obstacles.
+        origin: `[2]` world position of the window's lower-left corner, metres.
+        resolution: side of a cell, metres.
+        radius: truncation of the fine level, cells (static).
+    """
+    rows, size = window.shape
+    margin = margin_rows(radius)
+    height = rows - 2 * margin
+    fine = squared_distance_flat(window, occupied_above, radius)
+    coarse = _coarsen(fine.reshape(height, size))
+    half = COARSE_FACTOR // 2
+    centres = window[margin + half : rows - margin : COARSE_FACTOR, half::COARSE_FACTOR]
+    origin = origin + jnp.asarray([0.0, margin], jnp.float32) * resolution
+    return Field(
+        fine=DistanceField(_pairs(fine, window, margin), origin, resolution, height, size, radius),
+        coarse=DistanceField(
+            _pairs(coarse, centres, 0),
+            origin,
+            resolution * COARSE_FACTOR,
+            height // COARSE_FACTOR,
+            size // COARSE_FACTOR,
+            COARSE_RADIUS,
+        ),
+    )
+
+
+def _coarsen(fine: UInt8[Array, "H W"]) -> UInt8[Array, "cells"]:
+    """Squared distances in coarse cells, from every fourth row and column of the fine ones.
+
+    No obstacle is missed: none is farther than half a coarse diagonal, 2.8 cells, from one of them.
+    """
+    centre = COARSE_FACTOR // 2
+    sampled = fine[centre::COARSE_FACTOR, centre::COARSE_FACTOR]
+    seeds = sampled <= jnp.uint8(centre * centre + centre * centre)
+    padded = jnp.pad(seeds, ((margin_rows(COARSE_RADIUS),) * 2, (0, 0))).astype(jnp.int8)
+    return squared_distance_flat(padded, jnp.int8(0), COARSE_RADIUS)
+
+
+def _pairs(squared: UInt8[Array, "cells"], window: Int8[Array, "H W"], margin: int) -> UInt16[Array, "cells"]:
+    """Each cell with its right neighbour, marked where the window, off its outer `margin` rows, is unseen.
+
+    The last cell of a row gets the next row's first, which no point uses.
+    """
+
+    def pack(cells: tuple[UInt8[Array, "cells"], Int8[Array, "H W"]]) -> UInt16[Array, "cells"]:
+        squared, window = cells
+        unseen = window[margin : window.shape[0] - margin] == 0
+        marked = squared.astype(jnp.uint16) | (unseen.reshape(-1).astype(jnp.uint16) << jnp.uint16(7))
+        return marked | (jnp.pad(marked[1:], (0, 1)) << jnp.uint16(8))
+
+    return computed_once(pack, (squared, window))
+
+
+def field_of_map(
+    occupied: Bool[Array, "H W"],
+    origin: Float[Array, "2"],
+    resolution: Float[Array, ""],
+    radius: int,
+) -> Field:
+    """Distance fields of a map of any size, right up to its edges and as far beyond as they reach.
+
+    Free space is put around the map: `prepare_field` gives up some columns and rows at its sides, wants whole
+    coarse cells, and a point just off the map is still near the map's last obstacle.
+
+    Args:
+        occupied: `[H, W]`, row 0 the lowest y.
+        origin: `[2]` world position of the lower-left corner of cell (0, 0), metres.
+        resolution: side of a cell, metres.
+        radius: truncation radius, cells, 1 to 10 (static).
+
+    Raises:
+        ValueError: for a radius out of bounds.
+    """
+    height, width = occupied.shape
+    # The coarse level reaches farther than the largest radius of the fine one.
+    reach = COARSE_RADIUS * COARSE_FACTOR
+    # Columns twice: those that are asked about, and those that `DistanceField` gives up.
+    left, below = 2 * reach, reach
+    right = left + -width % COARSE_FACTOR
+    above = below + -height % COARSE_FACTOR
+    margin = margin_rows(radius)
+    padded = jnp.pad(occupied, ((below + margin, above + margin), (left, right)))
+    # A complete map: no cell is unseen.
+    log_odds = jnp.where(padded, jnp.int8(1), jnp.int8(-1))
+    corner = origin - resolution * jnp.asarray([left, below + margin], jnp.float32)
+    return prepare_field(log_odds, jnp.int8(0), corner, resolution, radius)

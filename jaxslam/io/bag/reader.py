@@ -1,0 +1,192 @@
+"""Reader for ROS bags: ROS 1 `.bag`, ROS 2 `.mcap` and `.db3`, and ROS 2 bag folders."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxslam.io.bag import topics as kinds
+from jaxslam.io.bag.file import BagFile
+from jaxslam.io.bag.topics import choose_topic
+from jaxslam.io.bag.tracks import (
+    Timed,
+    common_frame,
+    fix_track,
+    imu_track,
+    in_order,
+    joint_track,
+    odometry_track,
+    scan_track,
+)
+from jaxslam.io.bag.transforms import (
+    TILT_WARNING,
+    PlanarMounting,
+    TransformTree,
+    planar_mounting,
+    transform_matrix,
+)
+from jaxslam.io.log import LogError, SensorLog
+
+
+def read_bag(
+    path: str | Path,
+    *,
+    scan_topic: str | None = None,
+    odometry_topic: str | None = None,
+    imu_topic: str | None = None,
+    joint_topic: str | None = None,
+    fix_topic: str | None = None,
+) -> SensorLog:
+    """Reads a ROS bag.
+
+    Understands `sensor_msgs` LaserScan, Imu, JointState and NavSatFix, `nav_msgs/Odometry`, and
+    `tf2_msgs/TFMessage` on `/tf_static`; every other topic is counted in `topics` and skipped. A
+    topic that is not given is the one with a usual name (`/scan`, `/odom`, `/imu`, …), else the one
+    with most messages; where there was a choice, `warnings` says so.
+
+    Stamps are those of the headers. The mounting of lidar and IMU is put together from the static
+    transforms, from the frame whose pose the odometry gives (else base_link, base_footprint) to the
+    sensor's. A lidar that hangs upside down has its beam angles negated, so that with
+    `pose_base_lidar` they are right in the plane.
+
+    Args:
+        path: the bag file or folder.
+        scan_topic: topic of the scans; as the others, with or without the leading slash.
+        odometry_topic: topic of the wheel odometry.
+        imu_topic: topic of the inertial measurements.
+        joint_topic: topic of the wheel angles.
+        fix_topic: topic of the satellite fixes.
+
+    Returns:
+        The log; tracks the bag has no messages for are None.
+
+    Raises:
+        LogError: no such bag, not a bag, cut or damaged; an unknown or empty topic; stamps that
+            jump back by more than a second; rosbags is not installed.
+    """
+    path = Path(path)
+    wanted = {
+        kinds.SCAN: scan_topic,
+        kinds.ODOMETRY: odometry_topic,
+        kinds.IMU: imu_topic,
+        kinds.JOINT: joint_topic,
+        kinds.FIX: fix_topic,
+    }
+    warnings: list[str] = []
+    with BagFile(path) as bag:
+        chosen = _choose_topics(bag, wanted, warnings)
+        timed = {
+            kind: in_order(path, topic, list(bag.messages(topic)), warnings) for kind, topic in chosen.items()
+        }
+        tree = _transform_tree(bag, warnings)
+        counts = {topic: count for topic, (_, count) in bag.topics.items()}
+    return _assemble(path, chosen, timed, tree, warnings, counts)
+
+
+def _choose_topics(bag: BagFile, wanted: dict[str, str | None], warnings: list[str]) -> dict[str, str]:
+    chosen = {}
+    for kind, name in wanted.items():
+        topic, warning = choose_topic(bag.path, bag.topics, kind, name)
+        if topic is not None:
+            chosen[kind] = topic
+        if warning is not None:
+            warnings.append(warning)
+    if not chosen:
+        found = sorted({kind for kind, count in bag.topics.values() if count})
+        raise LogError(
+            f"{bag.path}: no scans, odometry, IMU, joint states or fixes in this bag; it has "
+            f"messages of the types {', '.join(found) or 'none'}: was it recorded with all topics?"
+        )
+    known = {*wanted, kinds.TRANSFORMS}
+    unknown = {topic: count for topic, (kind, count) in bag.topics.items() if kind not in known and count}
+    if unknown:
+        listed = ", ".join(f"{topic} ({count})" for topic, count in unknown.items())
+        warnings.append(f"topics of types that are not used: {listed}")
+    return chosen
+
+
+def _transform_tree(bag: BagFile, warnings: list[str]) -> TransformTree:
+    names = [
+        topic
+        for topic, (kind, count) in bag.topics.items()
+        if kind == kinds.TRANSFORMS and count and topic.endswith("tf_static")
+    ]
+    parents = {}
+    bad = 0
+    for transform in _transforms(bag, names):
+        translation, rotation = transform.transform.translation, transform.transform.rotation
+        try:
+            matrix = transform_matrix(
+                np.array([translation.x, translation.y, translation.z]),
+                np.array([rotation.x, rotation.y, rotation.z, rotation.w]),
+            )
+        except ValueError:
+            bad += 1
+            continue
+        child = transform.child_frame_id.lstrip("/")
+        parents[child] = (transform.header.frame_id.lstrip("/"), matrix)
+    if bad:
+        warnings.append(f"{bad} static transforms are not rigid motions: skipped")
+    return TransformTree(parents)
+
+
+def _transforms(bag: BagFile, names: Iterable[str]) -> Iterable[Any]:
+    for name in names:
+        for message in bag.messages(name):
+            yield from message.content.transforms
+
+
+def _assemble(
+    path: Path,
+    chosen: dict[str, str],
+    timed: dict[str, Timed],
+    tree: TransformTree,
+    warnings: list[str],
+    counts: dict[str, int],
+) -> SensorLog:
+    base_frames = ["base_link", "base_footprint"]
+    odometry = imu = joints = fixes = scans = None
+    if kinds.ODOMETRY in timed:
+        track = timed[kinds.ODOMETRY]
+        odometry = odometry_track(track, chosen[kinds.ODOMETRY], warnings)
+        child = common_frame(track.contents, child=True)
+        base_frames = [frame for frame in (child, *base_frames) if frame]
+    if kinds.IMU in timed:
+        track = timed[kinds.IMU]
+        pose = _find_mounting(tree, base_frames, common_frame(track.contents))
+        imu = imu_track(track, chosen[kinds.IMU], None if pose is None else pose[:3, :3])
+    if kinds.JOINT in timed:
+        joints = joint_track(timed[kinds.JOINT], chosen[kinds.JOINT])
+    if kinds.FIX in timed:
+        fixes = fix_track(timed[kinds.FIX], chosen[kinds.FIX], warnings)
+    if kinds.SCAN in timed:
+        track, topic = timed[kinds.SCAN], chosen[kinds.SCAN]
+        mounting = _lidar_mounting(tree, base_frames, common_frame(track.contents), warnings)
+        scans = scan_track(track, topic, mounting, warnings)
+    return SensorLog(path, odometry, imu, joints, fixes, scans, tuple(warnings), counts)
+
+
+def _find_mounting(tree: TransformTree, base_frames: Iterable[str], sensor_frame: str) -> np.ndarray | None:
+    if not sensor_frame:
+        return None
+    poses = (tree.find(base, sensor_frame) for base in base_frames)
+    return next((pose for pose in poses if pose is not None), None)
+
+
+def _lidar_mounting(
+    tree: TransformTree, base_frames: list[str], frame: str, warnings: list[str]
+) -> PlanarMounting | None:
+    pose = _find_mounting(tree, base_frames, frame)
+    if pose is None:
+        warnings.append(
+            f"no static transform from {' or '.join(dict.fromkeys(base_frames))} to the lidar's "
+            f"frame '{frame}': its mounting is not known"
+        )
+        return None
+    mounting = planar_mounting(pose)
+    if mounting.upside_down:
+        warnings.append(f"the lidar '{frame}' hangs upside down: beam angles mirrored")
+    if mounting.tilt > TILT_WARNING:
+        warnings.append(f"the lidar '{frame}' leans by {np.rad2deg(mounting.tilt):.0f}°: taken as level")
+    return mounting

@@ -1,0 +1,1 @@
+"""CARMEN text logs."""

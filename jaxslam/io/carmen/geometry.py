@@ -1,0 +1,149 @@
+"""Beam angles, maximum range and mounting of the front laser of a CARMEN log."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64
+
+from jaxslam.core import se2
+from jaxslam.io.carmen.messages import LaserMessage
+from jaxslam.io.ranges import SICK_CODES, saturated_reading
+
+# The Hokuyo URG sends error codes as readings of 0 to 19 mm, and no planar lidar measures below.
+RANGE_MIN = 0.02
+
+# Laser and robot pose are written with six digits; half a centimetre and 0.3° leave room for logs
+# with two or three.
+_MOUNTING_TOLERANCE = np.array([0.005, 0.005, 0.005])
+_MOUNTING_SHARE = 0.9
+
+
+class BeamAngles(NamedTuple):
+    """Angle of the first beam and between neighbouring beams, radians, lidar frame."""
+
+    minimum: float
+    increment: float
+
+
+def beam_angles(message: LaserMessage, parameters: Mapping[str, str]) -> BeamAngles:
+    """Beam geometry of one scan.
+
+    `RAWLASER1` and `ROBOTLASER1` carry it. `FLASER` does not: its n beams spread over the field of
+    view `PARAM laser_front_laser_fov` (degrees), 180° where there is none, symmetric to the
+    front. They are `PARAM laser_front_laser_resolution` degrees apart where that fits the number of
+    beams and the field of view; else an odd n includes both end points, an even n has a step of
+    fov / n.
+
+    Example:
+        181 beams: −90° to 90° in steps of 1°. 180 beams: −90° to 89°, also in steps of 1°.
+    """
+    count = message.ranges.size
+    if math.isfinite(message.start):
+        return BeamAngles(message.start, _exact_step(message.fov, message.step, count))
+    fov = math.radians(_number(parameters, "laser_front_laser_fov", 10.0, 360.0) or 180.0)
+    step = fov / max(count - 1 if count % 2 else count, 1)
+    resolution = math.radians(_number(parameters, "laser_front_laser_resolution", 0.01, 45.0) or 0)
+    if resolution and abs(resolution * count - fov) <= 1.01 * resolution:
+        step = resolution
+    return BeamAngles(-fov / 2, step)
+
+
+def _exact_step(fov: float, step: float, count: int) -> float:
+    """The step as the field of view implies it, where the written one is that but for rounding."""
+    candidates = [fov / divisor for divisor in (count - 1, count) if divisor > 0]
+    for candidate in candidates:
+        if abs(candidate - step) < 1e-6:
+            return candidate
+    plausible = 0 < abs(step) * (count - 1) < 2 * math.pi + abs(step)
+    return step if plausible or not candidates else candidates[0]
+
+
+def _number(parameters: Mapping[str, str], name: str, low: float, high: float) -> float | None:
+    try:
+        value = float(parameters[name])
+    except (KeyError, ValueError):
+        return None
+    return value if low <= value <= high else None
+
+
+def maximum_range(
+    messages: Sequence[LaserMessage],
+    ranges: Float64[np.ndarray, "T B"],
+    parameters: Mapping[str, str],
+) -> tuple[float, str | None]:
+    """Range in metres from which on a reading is no return.
+
+    The smallest of what there is: the field of the message, `PARAM robot_front_laser_max`, and the
+    saturated reading that stands in the data (`saturated_reading`). Where there is none of these,
+    the full scale of a SICK LMS that holds every reading (8.18 or 81.8 m), and a warning.
+
+    Returns:
+        The range, and a warning or None.
+    """
+    named = [message.range_max for message in messages if message.range_max > 0]
+    candidates = [max(named)] if named else []
+    parameter = _number(parameters, "robot_front_laser_max", 0.1, 1000.0)
+    saturated = saturated_reading(ranges)
+    candidates += [value for value in (parameter, saturated) if value is not None]
+    if candidates:
+        return min(candidates), None
+    largest = np.max(ranges, where=np.isfinite(ranges), initial=0.0)
+    scales = [(SICK_CODES[0][0] - 0.5) * unit for unit in (1e-3, 1e-2)]
+    guess = next((scale for scale in scales if scale > largest), float("inf"))
+    return guess, (
+        f"the log does not say the lidar's maximum range: {guess:g} m assumed, "
+        f"the largest reading is {largest:.2f} m"
+    )
+
+
+def mounting(
+    pose_robot: Float64[np.ndarray, "T 3"],
+    pose_laser: Float64[np.ndarray, "T 3"],
+    parameters: Mapping[str, str],
+) -> tuple[Float64[np.ndarray, "3"], bool, str | None]:
+    """Pose of the lidar in the robot's frame.
+
+    The median of laser ⊖ robot over the scans if the two differ, and by the same in nine scans of
+    ten; else `PARAM robot_frontlaser_offset` (and `_side_offset`, `_angular_offset`); else unknown,
+    since logs converted from other formats write the robot's pose twice.
+
+    Args:
+        pose_robot: `[T, 3]` odometry pose of every scan, NaN where the message has none.
+        pose_laser: `[T, 3]` laser pose of every scan in the same frame.
+        parameters: the log's `PARAM` values.
+
+    Returns:
+        The pose `[3]`, whether the log says so, and a warning or None.
+    """
+    warning = None
+    given = np.isfinite(pose_robot).all(axis=1) & np.isfinite(pose_laser).all(axis=1)
+    if given.any():
+        offsets = se2.relative(pose_robot[given], pose_laser[given])
+        center = _median_pose(offsets)
+        spread = np.abs(offsets - center)
+        spread[:, 2] = np.abs(se2.wrap(offsets[:, 2] - center[2]))
+        consistent = np.mean((spread <= _MOUNTING_TOLERANCE).all(axis=1)) >= _MOUNTING_SHARE
+        if consistent and np.abs(center).max() > 1e-4:
+            return np.round(center, 6), True, None  # The digits of a log.
+        if not consistent:
+            warning = (
+                "the scans' laser and robot poses do not differ by a fixed mounting "
+                "(poses corrected afterwards?): not used for the mounting"
+            )
+    offset = _number(parameters, "robot_frontlaser_offset", -10.0, 10.0)
+    if offset is None:
+        return np.zeros(3), False, warning
+    side = _number(parameters, "robot_frontlaser_side_offset", -10.0, 10.0) or 0.0
+    angle = _number(parameters, "robot_frontlaser_angular_offset", -360.0, 360.0) or 0.0
+    if abs(angle) > math.pi:  # CARMEN adds radians; a larger number can only be degrees.
+        angle = math.radians(angle)
+    return np.array([offset, side, angle]), True, warning
+
+
+def _median_pose(poses: Float64[np.ndarray, "T 3"]) -> Float64[np.ndarray, "3"]:
+    """Component-wise median, in theta of the differences to the first, which may lie at ±π."""
+    reference = poses[0, 2]
+    theta = se2.wrap(reference + np.median(se2.wrap(poses[:, 2] - reference), keepdims=True))
+    return np.concatenate([np.median(poses[:, :2], axis=0), theta])

@@ -1,0 +1,202 @@
+"""Reader for CARMEN text logs (`.log`, `.clf`, also gzipped): front laser scans and odometry."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from jaxslam.io.carmen.geometry import RANGE_MIN, beam_angles, maximum_range, mounting
+from jaxslam.io.carmen.messages import CarmenContent, LaserMessage, OdometryMessage, read_messages
+from jaxslam.io.carmen.time import choose_clock, merge_odometry, message_stamps
+from jaxslam.io.log import LogError, OdometryTrack, ScanTrack, SensorLog
+from jaxslam.io.ranges import clean_ranges
+from jaxslam.io.stamps import backward_steps, sorting_order, spread_repeats
+
+# In the order of preference: the message with odometry and geometry, with odometry, with neither.
+_LASER_NAMES = ("ROBOTLASER1", "FLASER", "RAWLASER1")
+
+
+def read_carmen(path: str | Path) -> SensorLog:
+    """Reads a CARMEN log.
+
+    Understands `ODOM`, `FLASER`, `RAWLASER1`, `ROBOTLASER1` and the `PARAM` values of the front
+    laser; every other message is counted in `topics` and named in `warnings`. Of several laser
+    messages the one that says most is used. How stamps, beam angles, maximum range, mounting and
+    odometry are found is described at `choose_clock`, `beam_angles`, `maximum_range`, `mounting`
+    and `merge_odometry`.
+
+    What is repaired is counted in `warnings`: damaged lines are skipped, readings that are
+    negative or not finite become NaN, stamps that jitter are sorted, scans with the stamp of the
+    one before are spread up to the next, scans recorded twice are dropped.
+
+    Args:
+        path: the log, plain or gzipped whatever its suffix.
+
+    Returns:
+        The log; `odometry` or `scans` is None where the file has none.
+
+    Raises:
+        LogError: no such file, empty, binary or cut gzip file; no message of a known name or more
+            damaged lines than good ones; time stamps that jump back by more than a second.
+    """
+    path = Path(path)
+    content = read_messages(path)
+    warnings: list[str] = []
+    name = _choose_laser(content)
+    lasers = content.lasers.get(name, [])
+    _check_content(path, content, len(lasers))
+    clock = choose_clock(str(path), (content.odometry, lasers))
+    _warn(warnings, clock.warning)
+
+    lasers, laser_stamps = _sort_scans(lasers, clock.name, name, warnings)
+    scans = _scan_track(lasers, laser_stamps, content.parameters, name, warnings)
+    odometry = _odometry_track(content.odometry, lasers, laser_stamps, clock.name, name, warnings)
+    _warn_about_lines(content, name, warnings)
+    return SensorLog(path, odometry, scans=scans, warnings=tuple(warnings), topics=dict(content.counts))
+
+
+def _warn(warnings: list[str], warning: str | None) -> None:
+    if warning is not None:
+        warnings.append(warning)
+
+
+def _choose_laser(content: CarmenContent) -> str:
+    counts = {name: len(content.lasers.get(name, ())) for name in _LASER_NAMES}
+    enough = max(counts.values()) / 2
+    return next((name for name in _LASER_NAMES if counts[name] > enough), _LASER_NAMES[0])
+
+
+def _check_content(path: Path, content: CarmenContent, num_scans: int) -> None:
+    good = len(content.odometry) + sum(len(messages) for messages in content.lasers.values())
+    if good == 0 or len(content.damaged) > good:
+        where = f", the first in line {content.damaged[0]}" if content.damaged else ""
+        raise LogError(
+            f"{path}: {good} usable messages and {len(content.damaged)} damaged lines{where}: "
+            "expected a CARMEN log with ODOM, FLASER, RAWLASER1 or ROBOTLASER1 lines"
+        )
+
+
+def _warn_about_lines(content: CarmenContent, used: str, warnings: list[str]) -> None:
+    if content.damaged:
+        end = "; the file ends in the middle of a line, was it cut?" if content.cut_at_end else ""
+        warnings.append(
+            f"{len(content.damaged)} damaged lines skipped, the first is line {content.damaged[0]}{end}"
+        )
+    unused = {
+        name: count for name, count in content.counts.items() if name not in ("ODOM", "PARAM", used) and count
+    }
+    if unused:
+        listed = ", ".join(f"{name} ({count})" for name, count in sorted(unused.items()))
+        warnings.append(f"messages not used: {listed}")
+
+
+def _sort_scans(
+    lasers: Sequence[LaserMessage], clock: str, name: str, warnings: list[str]
+) -> tuple[list[LaserMessage], Float64[np.ndarray, "T"]]:
+    filled = [message for message in lasers if message.ranges.size]
+    if len(filled) < len(lasers):
+        warnings.append(f"{len(lasers) - len(filled)} {name} lines without beams skipped")
+    stamps = message_stamps(filled, clock)
+    order = _sorted_rows(stamps, name, warnings)
+    filled, stamps = [filled[row] for row in order], stamps[order]
+    keep = [row for row in range(len(filled)) if row == 0 or not _same(filled[row - 1], filled[row])]
+    if len(keep) < len(filled):
+        warnings.append(f"{len(filled) - len(keep)} {name} lines recorded twice: one of each kept")
+    stamps, moved = spread_repeats(stamps[np.array(keep, dtype=np.int64)])
+    if moved:
+        warnings.append(f"{moved} scans have the stamp of the scan before: spread up to the next stamp")
+    return [filled[row] for row in keep], stamps
+
+
+def _same(first: LaserMessage, second: LaserMessage) -> bool:
+    return (
+        first.stamp == second.stamp
+        and first.pose_robot == second.pose_robot
+        and np.array_equal(first.ranges, second.ranges, equal_nan=True)
+    )
+
+
+def _sorted_rows(stamps: Float64[np.ndarray, "M"], name: str, warnings: list[str]) -> Int64[np.ndarray, "M"]:
+    steps = backward_steps(stamps)
+    if steps.num_backward:
+        warnings.append(
+            f"{steps.num_backward} {name} stamps run back by up to {steps.largest:.3f} s: sorted by time"
+        )
+    return sorting_order(stamps)
+
+
+def _scan_track(
+    lasers: Sequence[LaserMessage],
+    stamps: Float64[np.ndarray, "T"],
+    parameters: dict[str, str],
+    name: str,
+    warnings: list[str],
+) -> ScanTrack | None:
+    if not lasers:
+        return None
+    num_beams = np.array([message.ranges.size for message in lasers], dtype=np.int64)
+    ranges = np.full((len(lasers), int(num_beams.max())), np.nan)
+    for row, message in zip(ranges, lasers, strict=True):
+        row[: message.ranges.size] = message.ranges
+    present = np.arange(ranges.shape[1]) < num_beams[:, None]
+    bad = int(np.count_nonzero(present & ~(np.isfinite(ranges) & (ranges >= 0))))
+    if bad:
+        warnings.append(f"{bad} readings are negative or not finite: taken as no return")
+    range_max, warning = maximum_range(lasers, ranges, parameters)
+    _warn(warnings, warning)
+    pose, known, warning = mounting(_poses(lasers, "robot"), _poses(lasers, "laser"), parameters)
+    _warn(warnings, warning)
+    angles = np.array([beam_angles(message, parameters) for message in lasers])
+    cleaned = clean_ranges(ranges, RANGE_MIN, range_max)
+    if not np.isfinite(cleaned).any():
+        warnings.append(f"no scan has a return between {RANGE_MIN:g} and {range_max:g} m")
+    return ScanTrack(
+        stamps,
+        cleaned,
+        num_beams,
+        angles[:, 0],
+        angles[:, 1],
+        RANGE_MIN,
+        range_max,
+        pose,
+        known,
+        name,
+    )
+
+
+def _poses(lasers: Sequence[LaserMessage], whose: str) -> Float64[np.ndarray, "T 3"]:
+    poses = [getattr(message, f"pose_{whose}") for message in lasers]
+    return np.array(poses, dtype=np.float64).reshape(-1, 3)
+
+
+def _odometry_track(
+    lines: Sequence[OdometryMessage],
+    lasers: Sequence[LaserMessage],
+    laser_stamps: Float64[np.ndarray, "T"],
+    clock: str,
+    name: str,
+    warnings: list[str],
+) -> OdometryTrack | None:
+    stamps = message_stamps(lines, clock)
+    order = _sorted_rows(stamps, "ODOM", warnings)
+    poses = np.array([message.pose for message in lines], dtype=np.float64).reshape(-1, 3)
+    from_lines = (stamps[order], poses[order], _twists(lines, poses)[order])
+    scan_poses = _poses(lasers, "robot")
+    given = np.isfinite(scan_poses).all(axis=1)
+    from_scans = (laser_stamps[given], scan_poses[given], _twists(lasers, scan_poses)[given])
+    track, warning = merge_odometry(from_lines, from_scans, name)
+    _warn(warnings, warning)
+    return track
+
+
+def _twists(
+    messages: Sequence[OdometryMessage] | Sequence[LaserMessage], poses: Float64[np.ndarray, "M 3"]
+) -> Float64[np.ndarray, "M 3"]:
+    """Base-frame velocities; NaN where the fields are always zero although the robot moves."""
+    velocities = np.array([message.velocities for message in messages], dtype=np.float64)
+    velocities = velocities.reshape(-1, 2)
+    if velocities.size and not velocities.any() and not (poses == poses[0]).all():
+        velocities[:] = np.nan
+    side = np.where(np.isnan(velocities[:, 0]), np.nan, 0.0)
+    return np.stack([velocities[:, 0], side, velocities[:, 1]], axis=1)

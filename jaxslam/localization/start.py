@@ -1,0 +1,40 @@
+"""x"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import PRNGKeyArray
+
+from jaxslam.localization.amcl import AMCL, AMCLState
+
+
+def start_at(amcl: AMCL, key: PRNGKeyArray, pose: tuple[float, float, float], deviations) -> AMCLState:
+    """Particles around a known start.
+
+    Args:
+        amcl: the filter.
+        key: PRNG key.
+        pose: m, m, rad, world frame.
+        deviations: standard deviation of x and y, metres, and of the heading, radians.
+
+    Raises:
+        ValueError: the start is not on the map, or not in its free space.
+    """
+    here = f"the start ({pose[0]:g} m, {pose[1]:g} m)"
+    column, row = np.asarray(amcl.known.in_cells(jnp.asarray([pose], jnp.float32)))[0, :2]
+    height, width = amcl.known.shape
+    if not (0 <= column < width and 0 <= row < height):
+        side = float(amcl.known.resolution)
+        x, y, theta = (float(value) for value in amcl.known.origin)
+        turned = f", turned by {theta:g} rad" if theta else ""
+        raise ValueError(
+            f"{here} is not on the map, which is {width * side:g} × {height * side:g} m from "
+            f"({x:g}, {y:g}){turned}"
+        )
+    if not bool(amcl.known.is_free(jnp.asarray(pose, jnp.float32))):
+        occupied = bool(amcl.known.occupied[int(row), int(column)])
+        what = "in a wall" if occupied else "where the map knows nothing"
+        raise ValueError(f"{here} is {what}: give one in free space, or --global")
+    deviation, rotation = deviations
+    covariance = jnp.diag(jnp.asarray([deviation, deviation, rotation], jnp.float32) ** 2)
+    return jax.jit(AMCL.init)(amcl, key, jnp.asarray(pose, jnp.float32), covariance)

@@ -1,0 +1,78 @@
+"""Errors of a run against what is known, as the figures that go into `metrics.json`."""
+
+from dataclasses import asdict
+
+import numpy as np
+from jaxtyping import Float64
+
+from jaxslam.core.trajectory import STAMP_TOLERANCE, carry_on
+from jaxslam.io.log import OdometryTrack
+from jaxslam.io.relations import Relations
+from jaxslam.metrics import TrajectoryError, absolute_trajectory_error, relation_errors
+from jaxslam.metrics.trajectory import Alignment
+
+_RELATION_KEYS = ("n", "trans_mean_m", "trans_std_m", "trans_max_m", "rot_mean_deg", "rot_std_deg")
+_TRAJECTORY_KEYS = ("rmse_m", "max_m", "rot_rmse_deg", "n")
+
+
+def relation_figures(
+    stamps: Float64[np.ndarray, "S"],
+    poses: Float64[np.ndarray, "S 3"],
+    odometry: OdometryTrack,
+    relations: Relations,
+) -> dict[str, float]:
+    """Statistics of the relation errors of a trajectory, see `jaxslam.metrics.relation_errors`."""
+    error = relation_errors(
+        stamps,
+        poses,
+        odometry.stamps,
+        odometry.poses,
+        relations.stamps_from,
+        relations.stamps_to,
+        relations.deltas,
+    )
+    return {key: asdict(error)[key] for key in _RELATION_KEYS}
+
+
+def reference_error(
+    reference_stamps: Float64[np.ndarray, "R"],
+    reference: Float64[np.ndarray, "R 3"],
+    stamps: Float64[np.ndarray, "S"],
+    poses: Float64[np.ndarray, "S 3"],
+    odometry: OdometryTrack,
+    *,
+    align: Alignment = "se2",
+) -> TrajectoryError:
+    """Absolute trajectory error, every reference pose compared at its own time.
+
+    Picking the scan nearest in time instead would charge the robot's motion in between to the filter.
+
+    Args:
+        reference_stamps: `[R]` seconds, not decreasing, on the log's clock.
+        reference: `[R, 3]` poses (m, m, rad); unless `align` is False in any frame.
+        stamps: `[S]` seconds, times of the estimate.
+        poses: `[S, 3]` the estimate.
+        odometry: carries the estimate on between its stamps.
+        align: how the estimate is brought to the reference first, as in `absolute_trajectory_error`.
+
+    Raises:
+        ValueError: fewer than two reference poses lie within the trajectory, or stamps run backwards.
+    """
+    within = (reference_stamps >= stamps[0] - STAMP_TOLERANCE) & (
+        reference_stamps <= stamps[-1] + STAMP_TOLERANCE
+    )
+    count = np.count_nonzero(within)
+    if count < 2:
+        raise ValueError(
+            f"{count} of the {len(within)} reference poses ({reference_stamps.min():.3f} to "
+            f"{reference_stamps.max():.3f} s) lie within the trajectory ({stamps[0]:.3f} to {stamps[-1]:.3f} "
+            "s): check that they belong to the same log and clock"
+        )
+    times = reference_stamps[within]
+    estimate = carry_on(times, stamps, poses, odometry.stamps, odometry.poses)
+    return absolute_trajectory_error(times, reference[within], times, estimate, align=align)
+
+
+def trajectory_figures(error: TrajectoryError) -> dict[str, float]:
+    """The figures of `ate` in `metrics.json`."""
+    return {key: asdict(error)[key] for key in _TRAJECTORY_KEYS}

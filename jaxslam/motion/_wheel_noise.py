@@ -1,0 +1,113 @@
+"""What the wheel models share: samples, densities and covariances from noise on an increment.
+
+A wheel model is one function, `noisy_increment(noise) -> [3]`, and the four variances of its noise:
+
+0. `turn`: error of the rotation before (or during) the translation, rad;
+1. `along`: error of the distance driven, m;
+2. `across`: slip perpendicular to it, m;
+3. `final rotation`: error of the rotation that follows, rad.
+
+The heading error is turn + final rotation; turn is also what bends the path.
+"""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from jaxslam.core import se2
+
+Scalar = float | Float[Array, ""]
+
+TURN, ALONG, ACROSS, FINAL_ROTATION = range(4)
+
+LOG_TWO_PI = 1.8378770664093453
+
+
+def sample_increment(
+    key: PRNGKeyArray, noisy_increment: Callable, variances: Float[Array, "4"]
+) -> Float[Array, "3"]:
+    """Draws an increment `[3]` (m, m, rad): independent normal noise put through the model."""
+    standard = jax.random.normal(key, variances.shape, variances.dtype)
+    return noisy_increment(standard * jnp.sqrt(variances))
+
+
+def increment_log_prob(
+    increment: Float[Array, "3"], noisy_increment: Callable, variances: Float[Array, "4"]
+) -> Float[Array, ""]:
+    r"""Log-density of an increment `[3]` over (x m, y m, theta rad), in closed form.
+
+    Tables 5.1 and 5.5 of Probabilistic Robotics give a density over the *noise*; as a density over
+    poses it lacks the Jacobian, which grows without bound as the translation shrinks. Here instead:
+
+    - heading error $h$: normal, exactly (for a deviation small against π);
+    - position given $h$: normal, its mean and covariance to second order in the noise. The turn
+      error is normal given $h$, with mean $k h$, $k = \sigma_t^2 / (\sigma_t^2 + \sigma_f^2)$, and
+      variance $k \sigma_f^2$. The mean goes through the model whole, so the path bends with it.
+
+    It integrates to one and is finite for every increment, a standing robot's too.
+    """
+    turn_variance, final_variance = variances[TURN], variances[FINAL_ROTATION]
+    heading_variance = turn_variance + final_variance
+    share = turn_variance / heading_variance
+    heading_error = se2.wrap(increment[2] - noisy_increment(jnp.zeros_like(variances))[2])
+
+    expected = jnp.zeros_like(variances).at[TURN].set(share * heading_error)
+    conditional_variances = variances.at[TURN].set(share * final_variance)[:FINAL_ROTATION]
+    residual, covariance = _position_error(increment[:2], noisy_increment, expected, conditional_variances)
+    return _normal_1d(heading_error, heading_variance) + _normal_2d(residual, covariance)
+
+
+def predicted_frame_covariance(
+    noisy_increment: Callable, variances: Float[Array, "4"]
+) -> Float[Array, "3 3"]:
+    """Covariance `[3, 3]` of the error in the predicted pose's frame, to first order."""
+    zero = jnp.zeros_like(variances)
+    predicted = noisy_increment(zero)
+    jacobian = jax.jacfwd(lambda noise: se2.relative(predicted, noisy_increment(noise)))(zero)
+    covariance = (jacobian * variances[None, :]) @ jacobian.T
+    return 0.5 * (covariance + covariance.T)
+
+
+def _position_error(
+    position: Float[Array, "2"],
+    noisy_increment: Callable,
+    expected: Float[Array, "4"],
+    variances: Float[Array, "3"],
+) -> tuple[Float[Array, "2"], Float[Array, "2 2"]]:
+    """Position minus its mean, and the covariance, in the frame of the path.
+
+    The noise (turn, along, across) has mean `expected` and independent `variances`. With Jacobian J
+    and Hessian H of the model: mean + ½ Σ H_ii σ_i², covariance J D Jᵀ + ½ Σ H_ij H_ijᵀ σ_i² σ_j².
+    """
+
+    def model(noise):
+        return noisy_increment(expected.at[:FINAL_ROTATION].add(noise))[:2]
+
+    zero = jnp.zeros_like(variances)
+    jacobian = jax.jacfwd(model)(zero)
+    hessian = jax.jacfwd(jax.jacfwd(model))(zero)
+    # Along the path the covariance is nearly diagonal, so float32 does not cancel.
+    cos, sin = jacobian[:, ALONG] / jnp.linalg.norm(jacobian[:, ALONG])
+    to_path = jnp.stack([jnp.stack([cos, sin]), jnp.stack([-sin, cos])])
+
+    bend = 0.5 * jnp.einsum("kii,i->k", hessian, variances)
+    deviations = jnp.sqrt(variances)
+    first = to_path @ jacobian * deviations[None, :]
+    second = jnp.einsum("kl,lij,i,j->kij", to_path, hessian, deviations, deviations)
+    covariance = first @ first.T + 0.5 * jnp.einsum("kij,lij->kl", second, second)
+    return to_path @ (position - model(zero) - bend), covariance
+
+
+def _normal_1d(residual: Float[Array, ""], variance: Float[Array, ""]) -> Float[Array, ""]:
+    return -0.5 * (residual * residual / variance + jnp.log(variance) + LOG_TWO_PI)
+
+
+def _normal_2d(residual: Float[Array, "2"], covariance: Float[Array, "2 2"]) -> Float[Array, ""]:
+    """Normal log-density by the 2 × 2 Cholesky factor: given x, then y given x."""
+    slope = covariance[0, 1] / covariance[0, 0]
+    remaining = covariance[1, 1] - slope * covariance[0, 1]
+    return _normal_1d(residual[0], covariance[0, 0]) + _normal_1d(
+        residual[1] - slope * residual[0], remaining
+    )

@@ -1,5 +1,0 @@
-"""Optimisation without gradients, of any fitness."""
-
-from jaxslam.optimise.fruit_fly import Found, FruitFlies
-
-__all__ = ["Found", "FruitFlies"]

@@ -1,0 +1,123 @@
+"""From a log on the host to the stacked arrays a filter runs over."""
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float64, Int
+
+from jaxslam.config.thinning import Thinning
+from jaxslam.core import se2
+from jaxslam.core.trajectory import interpolate_poses
+from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
+from jaxslam.io.log import LogError, SensorLog
+
+
+@dataclass(frozen=True)
+class PreparedInputs:
+    """A log made ready for a filter.
+
+    Attributes:
+        inputs: leaves stacked over the `T` processed scans.
+        pose0: `[3]` odometry pose at the first scan.
+        stamps: `[T]` seconds, stamps of the processed scans.
+        scan_index: `[T]` which scans of the log they are.
+        all_index: `[S]` the scans of the log that lie within the odometry.
+        all_stamps: `[S]` their stamps.
+        all_odometry: `[S, 3]` odometry pose at each of them.
+        odometry_bounds: `[2, 2]` lower and upper corner of the odometry path, metres.
+    """
+
+    inputs: StepInputs
+    pose0: Float64[np.ndarray, "3"]
+    stamps: Float64[np.ndarray, "T"]
+    scan_index: Int[np.ndarray, "T"]
+    all_index: Int[np.ndarray, "S"]
+    all_stamps: Float64[np.ndarray, "S"]
+    all_odometry: Float64[np.ndarray, "S 3"]
+    odometry_bounds: Float64[np.ndarray, "2 2"]
+
+    def __repr__(self) -> str:
+        width, height = self.odometry_bounds[1] - self.odometry_bounds[0]
+        scans = f"{len(self.stamps)} of {len(self.all_stamps)} scans of {self.inputs.scan.num_beams} beams"
+        return f"PreparedInputs({scans}, odometry within {width:.1f} × {height:.1f} m)"
+
+
+def prepare_inputs(
+    log: SensorLog, thinning: Thinning, range_limits: tuple[float, float] = (0.0, float("inf"))
+) -> PreparedInputs:
+    """Thins the scans by motion and pairs each with the odometry since the one before.
+
+    Args:
+        log: needs scans and odometry.
+        thinning: which scans are processed.
+        range_limits: shortest and longest range, metres, that counts as a return of this lidar.
+
+    Raises:
+        LogError: without scans or odometry, or where the two do not overlap in time.
+    """
+    if log.scans is None or len(log.scans.stamps) == 0:
+        raise LogError(f"{log.path}: no laser scans in it, so there is nothing to map (see `jaxslam info`)")
+    if log.odometry is None or len(log.odometry.stamps) == 0:
+        raise LogError(f"{log.path}: no odometry in it: the filter needs wheel odometry (see `jaxslam info`)")
+    scans, odometry = log.scans, log.odometry
+    tolerance = 0.5
+    within = (scans.stamps >= odometry.stamps[0] - tolerance) & (
+        scans.stamps <= odometry.stamps[-1] + tolerance
+    )
+    if not within.any():
+        raise LogError(
+            f"{log.path}: scans (from {scans.stamps[0]:.3f} s) and odometry (from "
+            f"{odometry.stamps[0]:.3f} s) do not overlap in time: their clocks differ"
+        )
+    candidates = np.flatnonzero(within)
+    poses = interpolate_poses(odometry.stamps, odometry.poses, scans.stamps[candidates])
+    kept = _moved_enough(poses, thinning)
+    chosen = candidates[kept]
+    kept_poses = poses[kept]
+    deltas = np.zeros((len(kept), 3))
+    deltas[1:] = se2.relative(kept_poses[:-1], kept_poses[1:])
+    stamps = scans.stamps[chosen]
+    intervals = np.diff(stamps, prepend=stamps[0])
+    ranges = scans.ranges[chosen]
+    shortest, longest = range_limits
+    valid = np.isfinite(ranges) & (ranges >= shortest) & (ranges < longest)
+    count = len(kept)
+    inputs = StepInputs(
+        odometry=OdometryIncrement(
+            delta=jnp.asarray(deltas, jnp.float32),
+            covariance=jnp.zeros((count, 3, 3), jnp.float32),
+            dt=jnp.asarray(intervals, jnp.float32),
+        ),
+        scan=LidarScan(
+            ranges=jnp.asarray(np.where(valid, ranges, 0.0), jnp.float32),
+            valid=jnp.asarray(valid),
+            angle_min=jnp.asarray(scans.angle_min[chosen], jnp.float32),
+            angle_increment=jnp.asarray(scans.angle_increment[chosen], jnp.float32),
+            pose_base_lidar=jnp.asarray(np.tile(scans.pose_base_lidar, (count, 1)), jnp.float32),
+        ),
+    )
+    positions = odometry.poses[:, :2]
+    return PreparedInputs(
+        inputs=inputs,
+        pose0=kept_poses[0],
+        stamps=stamps,
+        scan_index=chosen,
+        all_index=candidates,
+        all_stamps=scans.stamps[candidates],
+        all_odometry=poses,
+        odometry_bounds=np.stack([positions.min(axis=0), positions.max(axis=0)]),
+    )
+
+
+def _moved_enough(poses: Float64[np.ndarray, "S 3"], thinning: Thinning) -> Int[np.ndarray, "T"]:
+    steps = se2.relative(poses[:-1], poses[1:])
+    translations = np.hypot(steps[:, 0], steps[:, 1])
+    rotations = np.abs(steps[:, 2])
+    kept, translation, rotation = [0], 0.0, 0.0
+    for index, (step, turn) in enumerate(zip(translations, rotations, strict=True), start=1):
+        translation, rotation = translation + step, rotation + turn
+        if translation >= thinning.min_translation or rotation >= thinning.min_rotation:
+            kept.append(index)
+            translation = rotation = 0.0
+    return np.asarray(kept)

@@ -1,0 +1,174 @@
+"""Scans as a lidar at rest would have taken them.
+
+A spinning lidar takes a tenth of a second or more over a scan, and a robot that turns at 1 rad/s has turned
+by 6° meanwhile. The odometry tells how it moved: every end point is put where it lies from the lidar's
+pose at the scan's stamp, and the beams are read off again.
+"""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float32, Float64
+
+from jaxslam.core import se2
+from jaxslam.core.trajectory import interpolate_poses
+from jaxslam.io.log import OdometryTrack, ScanTrack, SensorLog
+from jaxslam.preprocess.lag import ScanLag, estimate_lag
+
+_LONGEST_INTERVAL = 0.3
+"""Between poses of the odometry further apart than this, seconds, the robot's motion is not known."""
+_NUM_KNOTS = 9
+"""Poses of the lidar looked up along a sweep."""
+_LEAST_TRANSLATION, _LEAST_ROTATION = 0.005, 0.003
+"""Scans during which the lidar moved less stay as they are: metres, radians."""
+_LEAST_LAG = 0.06
+"""A lag estimated to be nearer than this to what the log says is none, seconds: on simulated drives without
+one 0.02 to 0.03 are found."""
+_STEEPEST = np.tan(np.radians(5.0))
+"""Neighbouring end points on a line that their beams meet at a smaller angle are not on one wall."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SweepTiming:
+    """When the beams of a scan were taken.
+
+    Attributes:
+        middle: from the stamp to the middle of the sweep, seconds.
+        time_increment: from one beam to the next, seconds.
+        lag: what the log's own turning says, or None where it does not.
+    """
+
+    middle: float
+    time_increment: float
+    lag: ScanLag | None
+
+
+def sweep_timing(log: SensorLog, turn_time: float, max_lag: float) -> SweepTiming | None:
+    """When the beams of a log's scans were taken.
+
+    The log's own time increment counts, from its stamps on, as a LaserScan has it; a log without one is
+    taken to stamp scans when they are complete, of a lidar that turns evenly. Where the turning seen by the
+    scans says something else about the delay, that counts.
+
+    Args:
+        log: with scans and odometry.
+        turn_time: of a whole turn of the lidar, seconds; 0: all beams at once.
+        max_lag: lags of up to so many seconds are looked for; 0 takes the stamps as they are.
+
+    Returns:
+        None where scans or odometry are missing or too sparse to know how the robot moved, and for a lidar
+        of one beam.
+    """
+    scans, odometry = log.scans, log.odometry
+    if scans is None or odometry is None or len(scans.stamps) == 0 or len(odometry.stamps) < 2:
+        return None
+    if np.median(np.diff(odometry.stamps)) > _LONGEST_INTERVAL:
+        return None
+    beams = float(np.median(scans.num_beams)) - 1
+    if beams < 1 or np.median(scans.angle_increment) == 0:
+        return None
+    if scans.time_increment is not None:
+        increment = scans.time_increment
+        middle = 0.5 * beams * increment
+    else:
+        increment = turn_time * abs(float(np.median(scans.angle_increment))) / (2 * np.pi)
+        middle = -0.5 * beams * increment
+    lag = estimate_lag(scans, odometry, max_lag) if max_lag > 0 else None
+    if lag is not None and abs(lag.seconds - middle) < _LEAST_LAG:
+        lag = None
+    return SweepTiming(middle if lag is None else lag.seconds, increment, lag)
+
+
+def at_rest(log: SensorLog, timing: SweepTiming) -> SensorLog:
+    """The log with every scan as a lidar at rest at its stamp would have taken it.
+
+    Between two end points on one wall the range is that of the line through them; elsewhere that of the
+    nearer beam.
+    """
+    scans, odometry = log.scans, log.odometry
+    if scans is None or odometry is None:
+        return log
+    num_beams = scans.ranges.shape[1]
+    beams = np.linspace(0, num_beams - 1, _NUM_KNOTS)
+    # The sweep is that of the usual number of beams; padding at the end was never measured.
+    offsets = timing.middle + (beams - 0.5 * (float(np.median(scans.num_beams)) - 1)) * timing.time_increment
+    reference = _lidar_poses(scans, odometry, scans.stamps)
+    knots = np.stack(
+        [se2.relative(reference, _lidar_poses(scans, odometry, scans.stamps + at)) for at in offsets],
+        axis=1,
+    )
+    moved = np.max(np.hypot(knots[..., 0], knots[..., 1]), axis=1) > _LEAST_TRANSLATION
+    moved |= np.max(np.abs(knots[..., 2]), axis=1) > _LEAST_ROTATION
+    moved &= (scans.num_beams > 1) & (scans.angle_increment != 0)
+    ranges = scans.ranges.copy()
+    for row in np.flatnonzero(moved):
+        path = np.stack([np.interp(np.arange(num_beams), beams, knots[row, :, i]) for i in range(3)], axis=1)
+        ranges[row] = _seen_from_rest(
+            scans.ranges[row],
+            path,
+            float(scans.angle_min[row]),
+            float(scans.angle_increment[row]),
+            int(scans.num_beams[row]),
+        )
+    return dataclasses.replace(log, scans=dataclasses.replace(scans, ranges=ranges, time_increment=0.0))
+
+
+def _lidar_poses(
+    scans: ScanTrack, odometry: OdometryTrack, stamps: Float64[np.ndarray, "T"]
+) -> Float64[np.ndarray, "T 3"]:
+    return se2.compose(interpolate_poses(odometry.stamps, odometry.poses, stamps), scans.pose_base_lidar)
+
+
+def _seen_from_rest(
+    ranges: Float32[np.ndarray, "B"], path: Float64[np.ndarray, "B 3"], first: float, step: float, count: int
+) -> Float32[np.ndarray, "B"]:
+    """Ranges `[B]` read off from the origin, of beams shot from along a path.
+
+    Args:
+        ranges: `[B]` metres, NaN where nothing came back.
+        path: `[B, 3]` pose of the lidar at each beam, from its pose at rest.
+        first: angle of beam 0, radians.
+        step: angle between beams, radians.
+        count: beams that were measured, the first ones.
+    """
+    measured = ranges[:count].astype(np.float64)
+    returned = np.isfinite(measured)
+    angles = first + step * np.arange(count)
+    reach = np.where(returned, measured, 0.0)
+    x = path[:count, 0] + reach * np.cos(angles + path[:count, 2])
+    y = path[:count, 1] + reach * np.sin(angles + path[:count, 2])
+    distance = np.hypot(x, y)
+    # The direction of a beam that met nothing is its own, as that of a point very far away.
+    turned = np.where(returned, np.arctan2(y, x) - angles, path[:count, 2])
+    place = np.arange(count) + (np.mod(turned + np.pi, 2 * np.pi) - np.pi) / step
+
+    whole_turn = round(2 * np.pi / abs(step))
+    if count >= whole_turn - 1:
+        # All round: the first beams follow on the last.
+        place = np.concatenate([place - whole_turn, place, place + whole_turn])
+        distance, returned = np.tile(distance, 3), np.tile(returned, 3)
+    order = np.argsort(place, kind="stable")
+    place, distance, returned = place[order], distance[order], returned[order]
+
+    wanted = np.arange(count)
+    after = np.searchsorted(place, wanted)
+    inside = (after > 0) & (after < len(place))
+    after = np.clip(after, 1, len(place) - 1)
+    before = after - 1
+    nearer = np.where(wanted - place[before] <= place[after] - wanted, before, after)
+    near = np.abs(place[nearer] - wanted) <= 1.0
+    near[~inside] = np.abs(place[nearer] - wanted)[~inside] <= 0.5
+    found = np.where(near & returned[nearer], distance[nearer], np.nan)
+
+    one, other = distance[before], distance[after]
+    apart = (place[after] - place[before]) * abs(step)
+    wall = inside & returned[before] & returned[after] & (apart < 3 * abs(step)) & (apart > 0)
+    wall &= np.abs(one - other) * _STEEPEST <= apart * np.minimum(one, other)
+    # Where the ray at the wanted angle meets the line through both points.
+    to_one, to_other = (wanted - place[before]) * abs(step), (place[after] - wanted) * abs(step)
+    across = one * np.sin(to_one) + other * np.sin(to_other)
+    on_line = one * other * np.sin(apart) / np.where(across > 0, across, 1.0)
+    found = np.where(wall & (across > 0), on_line, found)
+    seen = np.full(len(ranges), np.nan, np.float32)
+    seen[:count] = found
+    return seen

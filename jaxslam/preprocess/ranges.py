@@ -1,0 +1,32 @@
+"""x"""
+
+import dataclasses
+
+import numpy as np
+
+from jaxslam.config.lidar import LidarSettings
+from jaxslam.io.log import SensorLog
+from jaxslam.preprocess.deskew import SweepTiming, at_rest, sweep_timing
+
+
+def correct_scans(log: SensorLog, lidar: LidarSettings) -> tuple[SensorLog, SweepTiming | None]:
+    """The log with its scans as a lidar at rest, that reports what it can see, would have taken them.
+
+    Returns:
+        The log with readings outside of the lidar's interval turned into "no return" (NaN) and the robot's
+        motion during a scan taken out; and what that was found from, None where the log cannot tell.
+    """
+    log = _within_range(log, lidar)
+    timing = sweep_timing(log, float(lidar.turn_time), float(lidar.max_lag))
+    return (log if timing is None else at_rest(log, timing)), timing
+
+
+def _within_range(log: SensorLog, lidar: LidarSettings) -> SensorLog:
+    """Drivers often state a far larger maximum than the sensor has and pass its ghosts on."""
+    if log.scans is None:
+        return log
+    ranges = log.scans.ranges
+    with np.errstate(invalid="ignore"):
+        outside = (ranges < float(lidar.min_range)) | (ranges >= float(lidar.max_range))
+    ranges = np.where(outside, np.float32(np.nan), ranges)
+    return dataclasses.replace(log, scans=dataclasses.replace(log.scans, ranges=ranges))

@@ -1,0 +1,71 @@
+"""Exact ray casting on line segments."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jaxslam.sim.worlds.world import World
+
+
+def cast_scan(
+    world: World, pose_world_lidar: Float[Array, "3"], angles: Float[Array, "B"]
+) -> Float[Array, "B"]:
+    """Distance to the nearest segment along each ray from one pose.
+
+    The end points of every segment are written in the frame of the ray; a segment is hit where they
+    lie on opposite sides of it. Two segments that share a corner compute the same number for it, so
+    no ray slips between them.
+
+    Args:
+        world: the segments, `[S, 4]` metres.
+        pose_world_lidar: `[3]` where the rays start: m, m, rad.
+        angles: `[B]` directions in the lidar frame, radians.
+
+    Returns:
+        `[B]` metres; infinity where a ray hits nothing. Accurate to about 1e-6 of the distance to
+        the ends of the segment that is hit (float32).
+
+    Example:
+        From the middle of a 4 × 2 m room, the rays at 0 and π/2 measure 2 and 1.
+    """
+    directions = pose_world_lidar[2] + angles
+    cos, sin = jnp.cos(directions)[:, None], jnp.sin(directions)[:, None]
+    first = world.segments[:, :2] - pose_world_lidar[None, :2]
+    second = world.segments[:, 2:] - pose_world_lidar[None, :2]
+    along_first, side_first = _in_ray_frame(first, cos, sin)
+    along_second, side_second = _in_ray_frame(second, cos, sin)
+
+    crosses = (side_first >= 0) & (side_second <= 0) | (side_first <= 0) & (side_second >= 0)
+    span = side_first - side_second
+    in_line = span == 0
+    fraction = side_first / jnp.where(in_line, 1.0, span)
+    distance = along_first + fraction * (along_second - along_first)
+    # A segment seen end-on: its nearer end, or 0 from within it.
+    end_on = jnp.minimum(along_first, along_second)
+    end_on = jnp.where(jnp.maximum(along_first, along_second) >= 0, jnp.maximum(end_on, 0.0), -1.0)
+    distance = jnp.where(in_line, end_on, distance)
+    return jnp.min(jnp.where(crosses & (distance >= 0), distance, jnp.inf), axis=1)
+
+
+def cast_rays(
+    world: World, poses_world_lidar: Float[Array, "T 3"], angles: Float[Array, "B"]
+) -> Float[Array, "T B"]:
+    """`cast_scan` from many poses, one after the other, so that memory stays at `B × S`.
+
+    Args:
+        world: the segments, `[S, 4]` metres.
+        poses_world_lidar: `[T, 3]` m, m, rad.
+        angles: `[B]` directions in the lidar frame, radians.
+
+    Returns:
+        `[T, B]` metres; infinity where a ray hits nothing.
+    """
+    return jax.lax.map(lambda pose: cast_scan(world, pose, angles), poses_world_lidar)
+
+
+def _in_ray_frame(
+    points: Float[Array, "S 2"], cos: Float[Array, "B 1"], sin: Float[Array, "B 1"]
+) -> tuple[Float[Array, "B S"], Float[Array, "B S"]]:
+    """Distance along the ray and to its left, `[B, S]` each, of points relative to its origin."""
+    x, y = points[None, :, 0], points[None, :, 1]
+    return cos * x + sin * y, cos * y - sin * x

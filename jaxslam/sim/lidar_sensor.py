@@ -1,0 +1,227 @@
+"""A planar lidar, and presets for the usual ones."""
+
+import math
+from collections.abc import Callable
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax.scipy.special import ndtr
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
+
+from jaxslam.core import se2
+from jaxslam.core.types import LidarScan
+from jaxslam.sim.exact_ranges import cast_rays
+from jaxslam.sim.numeric import Scalar, standard_normal
+from jaxslam.sim.range_bias import RangeBias
+from jaxslam.sim.worlds.world import World
+
+
+class Lidar(eqx.Module):
+    """Beam geometry, limits and noise of a lidar.
+
+    A reading goes through these stages: true distance → short reading (something in the way) →
+    bias → noise → drop-out → limits. Noise is Gaussian with variance
+    `sigma_constant² + (sigma_proportional · (distance − proportional_from))²`, the second term from there on.
+    Scans are instantaneous: all beams of one are taken from the pose at its stamp, without motion
+    distortion.
+
+    Attributes:
+        num_beams: number of beams `B` (static).
+        angle_min: angle of beam 0 in the lidar frame, radians.
+        angle_increment: from one beam to the next, radians (negative: clockwise).
+        range_min: shorter readings are no return, metres.
+        range_max: readings at or over this are no return, metres.
+        sigma_constant: metres.
+        sigma_proportional: fraction of the distance.
+        proportional_from: distance at which that begins, metres.
+        dropout_probability: chance of a beam to return nothing although it hit something.
+        short_probability: chance of a beam to end on something that is not in the world (a person)
+            at a distance uniform between 0 and the true one; 0 turns it off.
+        pose_base_lidar: mounting on the robot's base: m, m, rad.
+        bias: mean reading minus distance; None for a lidar without.
+        rate: scans per second (static).
+    """
+
+    num_beams: int = eqx.field(static=True)
+    angle_min: Scalar
+    angle_increment: Scalar
+    range_min: Scalar
+    range_max: Scalar
+    sigma_constant: Scalar
+    sigma_proportional: Scalar = 0.0
+    proportional_from: Scalar = 0.0
+    dropout_probability: Scalar = 0.0
+    short_probability: Scalar = 0.0
+    pose_base_lidar: tuple[Scalar, Scalar, Scalar] = (0.0, 0.0, 0.0)
+    bias: RangeBias | None = None
+    rate: float = eqx.field(default=10.0, static=True)
+
+    def __check_init__(self) -> None:
+        if self.num_beams < 1:
+            raise ValueError(f"num_beams is {self.num_beams}: a lidar needs at least one beam")
+        if not self.rate > 0:
+            raise ValueError(f"rate is {self.rate}: give the lidar a positive number of scans per second")
+
+    def angles(self) -> Float[Array, "B"]:
+        """Beam angles in the lidar frame, radians, `[B]`."""
+        return self.angle_min + self.angle_increment * jnp.arange(self.num_beams, dtype=jnp.float32)
+
+    def simulate(self, key: PRNGKeyArray, world: World, poses: Float[Array, "T 3"]) -> LidarScan:
+        """Scans `[T, B]` of a world from true base poses.
+
+        Args:
+            key: draws noise, drop-outs and short readings.
+            world: what there is to see.
+            poses: `[T, 3]` base poses in the world frame: m, m, rad.
+        """
+        count = poses.shape[0]
+        mounting = jnp.stack([jnp.asarray(value, jnp.float32) for value in self.pose_base_lidar])
+        mounting = jnp.broadcast_to(mounting, (count, 3))
+        distances = cast_rays(world, se2.compose(poses, mounting), self.angles())
+        ranges, valid = self.measure(key, distances)
+        return LidarScan(
+            ranges=ranges,
+            valid=valid,
+            angle_min=jnp.full((count,), self.angle_min, jnp.float32),
+            angle_increment=jnp.full((count,), self.angle_increment, jnp.float32),
+            pose_base_lidar=mounting,
+        )
+
+    def measure(
+        self, key: PRNGKeyArray, distances: Float[Array, "T B"]
+    ) -> tuple[Float[Array, "T B"], Bool[Array, "T B"]]:
+        """Turns true distances `[T, B]` (metres, infinite where nothing is) into readings.
+
+        Returns:
+            Ranges `[T, B]` in metres, 0 where there is none, and whether there is one.
+        """
+        normal = standard_normal(key, (4, *distances.shape))
+        noise = normal[0]
+        chance_short, where_short, chance_dropout = ndtr(normal[1:])
+        reach = jnp.minimum(distances, self.range_max)
+        seen = jnp.where(chance_short < self.short_probability, reach * where_short, distances)
+        # Where nothing is hit the distance is infinite: kept out of the arithmetic only.
+        finite = jnp.where(jnp.isfinite(seen), seen, 0.0)
+        growing = jnp.maximum(finite - self.proportional_from, 0.0)
+        sigma = jnp.hypot(jnp.asarray(self.sigma_constant), self.sigma_proportional * growing)
+        biased = finite if self.bias is None else finite + self.bias(finite)
+        measured = biased + sigma * noise
+        valid = (
+            jnp.isfinite(seen)
+            & (chance_dropout >= self.dropout_probability)
+            & (measured >= self.range_min)
+            & (measured < self.range_max)
+        )
+        return jnp.where(valid, measured, 0.0), valid
+
+
+# Data sheets promise an interval ("±"): its half width is read as three standard deviations, a
+# plain "~1 %" as one. Drop-outs are left at 0: no data sheet gives them.
+
+
+def sick(*, num_beams: int = 181) -> Lidar:
+    """SICK LMS-200: 180°, 0–80 m, precision 5 mm (1 σ), 10 scans per second.
+
+    Args:
+        num_beams: 180 (step 180°/180, as CARMEN logs have it), 181 or 361 (both end points).
+    """
+    intervals = num_beams if num_beams % 2 == 0 else num_beams - 1
+    return Lidar(
+        num_beams=num_beams,
+        angle_min=-math.pi / 2,
+        angle_increment=math.pi / intervals,
+        range_min=0.05,
+        range_max=80.0,
+        sigma_constant=0.005,
+    )
+
+
+def urg_04lx() -> Lidar:
+    """Hokuyo URG-04LX: 682 beams over 240°, 0.02–5.6 m, ±10 mm to 1 m and ±1 % beyond, 10 Hz."""
+    increment = 2 * math.pi / 1024
+    return Lidar(
+        num_beams=682,
+        angle_min=-681 / 2 * increment,
+        angle_increment=increment,
+        range_min=0.02,
+        range_max=5.6,
+        sigma_constant=0.01 / 3,
+        sigma_proportional=0.01 / 3,
+    )
+
+
+def rplidar_a1() -> Lidar:
+    """Slamtec RPLIDAR A1: 360 beams over 360°, 0.15–6 m, ~1 %, 5.5 Hz."""
+    return Lidar(
+        num_beams=360,
+        angle_min=0.0,
+        angle_increment=2 * math.pi / 360,
+        range_min=0.15,
+        range_max=6.0,
+        sigma_constant=0.0,
+        sigma_proportional=0.01,
+        rate=5.5,
+    )
+
+
+def lds_01(bias: RangeBias | None = None) -> Lidar:
+    """LDS-01 on a TurtleBot3: 360 beams over 360°, 0.12–3.5 m, ±10 mm to 0.5 m, then up to ±3.5 %, 5 Hz.
+
+    Args:
+        bias: of one device, as `draw_lds_01_bias` draws it: accuracy (±15 mm, ±5 %), where the numbers above
+            are precision. None for a device without.
+    """
+    return Lidar(
+        num_beams=360,
+        angle_min=0.0,
+        angle_increment=2 * math.pi / 360,
+        range_min=0.12,
+        range_max=3.5,
+        sigma_constant=0.01 / 3,
+        sigma_proportional=0.035 / 3,
+        proportional_from=0.5,
+        pose_base_lidar=(-0.032, 0.0, 0.0),
+        bias=bias,
+        rate=5.0,
+    )
+
+
+def lds_02() -> Lidar:
+    """LDS-02 on a TurtleBot3: 260 beams over 360°, 0.16–8 m, ±10 mm and ±3 %, 9 Hz."""
+    return Lidar(
+        num_beams=260,
+        angle_min=0.0,
+        angle_increment=2 * math.pi / 260,
+        range_min=0.16,
+        range_max=8.0,
+        sigma_constant=0.01 / 3,
+        sigma_proportional=0.03 / 3,
+        pose_base_lidar=(-0.032, 0.0, 0.0),
+        rate=9.0,
+    )
+
+
+def vlp16_ring(*, num_beams: int = 900) -> Lidar:
+    """One horizontal ring of a Velodyne VLP-16: 360°, 0.5–100 m, ±30 mm, 10 Hz.
+
+    Args:
+        num_beams: the device gives 1800 at this rate; the default keeps every second one.
+    """
+    return Lidar(
+        num_beams=num_beams,
+        angle_min=-math.pi,
+        angle_increment=2 * math.pi / num_beams,
+        range_min=0.5,
+        range_max=100.0,
+        sigma_constant=0.03 / 3,
+    )
+
+
+LIDARS: dict[str, Callable[[], Lidar]] = {
+    "sick": sick,
+    "urg_04lx": urg_04lx,
+    "rplidar_a1": rplidar_a1,
+    "lds_01": lds_01,
+    "lds_02": lds_02,
+    "vlp16_ring": vlp16_ring,
+}

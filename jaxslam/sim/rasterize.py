@@ -1,0 +1,107 @@
+"""A world as cells of a grid: what a map of it should look like (host)."""
+
+import numpy as np
+from jaxtyping import Array, Bool, Float, Float64, Int
+
+from jaxslam.grid.spec import GridSpec
+from jaxslam.sim.worlds.world import World
+
+
+def rasterise(world: World, spec: GridSpec) -> Bool[np.ndarray, "H W"]:
+    """Marks every cell that a segment runs through.
+
+    A cell spans [lower, upper) on both axes, so a wall exactly on the line between two cells
+    belongs to the upper one; a cell that is only touched at a corner stays unmarked. What lies
+    outside the grid is left out.
+
+    Args:
+        world: the segments, metres.
+        spec: size and placement of the grid.
+
+    Returns:
+        `[H, W]`, row 0 is the lowest y.
+    """
+    segments = np.asarray(world.segments, np.float64).reshape(-1, 2, 2)
+    ends = (segments - np.asarray(spec.origin, np.float64)) / float(spec.resolution)
+    # float32 coordinates miss the grid lines they mean by some 1e-5 cells.
+    ends = np.where(np.abs(ends - np.round(ends)) < 1e-4, np.round(ends), ends)
+    occupied = np.zeros((spec.height, spec.width), bool)
+    for start, end in ends:
+        columns, rows = _cells_crossed(start, end).T
+        inside = (columns >= 0) & (columns < spec.width) & (rows >= 0) & (rows < spec.height)
+        occupied[rows[inside], columns[inside]] = True
+    return occupied
+
+
+def reachable(
+    occupied: Bool[np.ndarray, "H W"],
+    spec: GridSpec,
+    start: Float[np.ndarray, "2"] | Float[Array, "2"],
+) -> Bool[np.ndarray, "H W"]:
+    """Free cells connected to `start` (metres, world frame) over their sides, `[H, W]`.
+
+    Raises:
+        ValueError: if `start` lies outside the grid or on an occupied cell.
+    """
+    cell = (np.asarray(start, np.float64) - np.asarray(spec.origin)) / float(spec.resolution)
+    column, row = (int(value) for value in np.floor(cell))
+    height, width = occupied.shape
+    if not (0 <= row < height and 0 <= column < width):
+        raise ValueError(f"start {list(map(float, start))} lies outside the grid: give a start on it")
+    if occupied[row, column]:
+        raise ValueError(
+            f"start {list(map(float, start))} lies on an occupied cell: give a start in free space"
+        )
+    # A closed border spares every look at a neighbour the question whether there is one.
+    blocked = np.pad(occupied, 1, constant_values=True)
+    found = np.zeros_like(blocked)
+    found[row + 1, column + 1] = True
+    stride = width + 2
+    closed, reached = blocked.reshape(-1), found.reshape(-1)
+    frontier = np.flatnonzero(found)
+    while frontier.size:
+        neighbours = np.concatenate([frontier + step for step in (1, -1, stride, -stride)])
+        frontier = np.unique(neighbours[~(closed | reached)[neighbours]])
+        reached[frontier] = True
+    return found[1:-1, 1:-1]
+
+
+def observable(
+    world: World, spec: GridSpec, start: Float[np.ndarray, "2"] | Float[Array, "2"]
+) -> tuple[Bool[np.ndarray, "H W"], Bool[np.ndarray, "H W"]]:
+    """Occupied and free cells `[H, W]` that a robot from `start` could ever have seen.
+
+    Free cells are those reachable from `start`; of the occupied ones only those that touch one of
+    them by a side or a corner count. The inside of machines and all beyond the walls is neither.
+
+    Args:
+        world: the segments, metres.
+        spec: size and placement of the grid; it should cover the world, or the outside is reachable
+            through the missing wall.
+        start: `[2]` a position in free space, metres.
+
+    Raises:
+        ValueError: if `start` lies outside the grid or on an occupied cell.
+    """
+    occupied = rasterise(world, spec)
+    free = reachable(occupied, spec, start)
+    padded = np.pad(free, 1)
+    beside = np.zeros_like(free)
+    for row in range(3):
+        for column in range(3):
+            beside |= padded[row : row + spec.height, column : column + spec.width]
+    return occupied & beside, free
+
+
+def _cells_crossed(start: Float64[np.ndarray, "2"], end: Float64[np.ndarray, "2"]) -> Int[np.ndarray, "_ 2"]:
+    """(column, row) of each cell that the line between two points in cell units runs through."""
+    fractions = [np.array([0.0, 1.0])]
+    for first, last in zip(start, end, strict=True):
+        lines = np.arange(np.ceil(min(first, last)), np.floor(max(first, last)) + 1)
+        if first != last:
+            fractions.append((lines - first) / (last - first))
+    crossings = np.unique(np.clip(np.concatenate(fractions), 0.0, 1.0))
+    middles = (crossings[:-1] + crossings[1:]) / 2
+    # Pieces of rounding size come from crossing two grid lines at a corner.
+    middles = middles[np.diff(crossings) > 1e-9]
+    return np.floor(start + middles[:, None] * (end - start)).astype(int)

@@ -1,0 +1,158 @@
+"""Wheel encoders and the odometry integrated from them, with slip and scale errors."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Float64, Int, PRNGKeyArray
+
+from jaxslam.core import se2
+from jaxslam.sim.numeric import Scalar, running_sum, standard_normal
+from jaxslam.sim.robot import Drive
+
+
+class OdometryErrors(eqx.Module):
+    """How far one robot's true dimensions are from the ones its odometry assumes, as fractions.
+
+    Attributes:
+        left_radius: (true − assumed) / assumed radius of the left wheel.
+        right_radius: the same of the right wheel.
+        track_width: the same of the distance between the wheels.
+    """
+
+    left_radius: Float[Array, "*batch"]
+    right_radius: Float[Array, "*batch"]
+    track_width: Float[Array, "*batch"]
+
+
+class Odometry(eqx.Module):
+    """What the wheels reported, at a fixed rate from time 0.
+
+    Attributes:
+        ticks: `[M, 2]` encoder counts of the left and the right wheel since the start.
+        wheel_angles: `[M, 2]` the same in radians.
+        poses: `[M, 3]` integrated base pose in the odometry frame, which is the base at the start.
+        twists: `[M, 3]` mean base-frame velocity since the reading before: m/s, m/s (0), rad/s.
+        errors: this robot's systematic errors (truth that no filter sees).
+    """
+
+    ticks: Int[Array, "*batch M 2"]
+    wheel_angles: Float[Array, "*batch M 2"]
+    poses: Float[Array, "*batch M 3"]
+    twists: Float[Array, "*batch M 3"]
+    errors: OdometryErrors
+
+
+class WheelOdometry(eqx.Module):
+    """Two driven wheels with encoders.
+
+    Systematic errors (Borenstein and Feng 1996: unequal wheel diameters and an uncertain wheelbase)
+    stay for the whole drive; each is a given part plus one drawn per robot. Slip is random, with
+    a variance that grows with the way each wheel rolls.
+
+    After 100 m the defaults are off by 2.9 m and 20° in `hall_small` and by 1.9 m and 20° in
+    `hall_large` (root mean square over 200 robots); slip alone makes 8° of it.
+
+    Attributes:
+        wheel_radius: assumed by the odometry, metres.
+        track_width: distance between the wheels assumed by the odometry, metres.
+        left_radius_error, right_radius_error: given part of (true − assumed) / assumed.
+        track_width_error: given part of (true − assumed) / assumed.
+        sigma_radius_error: standard deviation of the drawn part, each wheel for itself.
+        sigma_track_width_error: standard deviation of the drawn part.
+        sigma_slip: standard deviation of a wheel's slip after rolling one metre, m/√m.
+        ticks_per_turn: encoder counts per turn of a wheel.
+        rate: readings per second (static).
+
+    References:
+        Borenstein and Feng, Measurement and correction of systematic odometry errors in mobile
+        robots, IEEE Transactions on Robotics and Automation 12(6), 1996.
+    """
+
+    wheel_radius: Scalar = 0.1
+    track_width: Scalar = 0.4
+    left_radius_error: Scalar = 0.0
+    right_radius_error: Scalar = 0.0
+    track_width_error: Scalar = 0.0
+    sigma_radius_error: Scalar = 0.001
+    sigma_track_width_error: Scalar = 0.01
+    sigma_slip: Scalar = 0.004
+    ticks_per_turn: Scalar = 2048.0
+    rate: float = eqx.field(default=50.0, static=True)
+
+    def __check_init__(self) -> None:
+        if not self.rate > 0:
+            raise ValueError(
+                f"rate is {self.rate}: give the odometry a positive number of readings per second"
+            )
+
+    def errors(self, noise: Float[Array, "3"]) -> OdometryErrors:
+        """The systematic errors of one robot, from three standard normal numbers."""
+        left, right, track = noise
+        return OdometryErrors(
+            left_radius=self.left_radius_error + self.sigma_radius_error * left,
+            right_radius=self.right_radius_error + self.sigma_radius_error * right,
+            track_width=self.track_width_error + self.sigma_track_width_error * track,
+        )
+
+    def simulate(self, key: PRNGKeyArray, drive: Drive, times: Float64[np.ndarray, "M"]) -> Odometry:
+        """What the encoders of one robot count during a drive, and the odometry made of it.
+
+        Args:
+            key: draws the systematic errors and the slip.
+            drive: the true motion, `[P]` steps.
+            times: `[M]` seconds at which it is read, increasing, the first one 0 (host values).
+        """
+        num_steps = drive.velocities.shape[0] - 1
+        noise = standard_normal(key, (3 + 2 * num_steps,))
+        errors = self.errors(noise[:3])
+        turned = self._wheel_angles(noise[3:].reshape(num_steps, 2), drive, errors)
+        # Wheels turn evenly within a step, so that between two steps linear is exact.
+        position = np.minimum(times * drive.rate, len(turned) - 1)
+        step = np.minimum(np.floor(position), len(turned) - 2).astype(int)
+        fraction = jnp.asarray(position - step, jnp.float32)[:, None]
+        angles = turned[step] + fraction * (turned[step + 1] - turned[step])
+        ticks = jnp.floor(angles * (self.ticks_per_turn / (2 * jnp.pi))).astype(jnp.int32)
+        poses, deltas = self.integrate(ticks)
+        elapsed = jnp.asarray(np.diff(times, prepend=times[0] - 1 / self.rate), jnp.float32)
+        return Odometry(
+            ticks=ticks,
+            wheel_angles=ticks.astype(jnp.float32) * (2 * jnp.pi / self.ticks_per_turn),
+            poses=poses,
+            twists=deltas / elapsed[:, None],
+            errors=errors,
+        )
+
+    def integrate(self, ticks: Int[Array, "M 2"]) -> tuple[Float[Array, "M 3"], Float[Array, "M 3"]]:
+        """Odometry poses from encoder counts, in the frame of the first reading.
+
+        Headings come from the counts themselves, so that they gather no rounding error.
+
+        Args:
+            ticks: `[M, 2]` counts of the left and the right wheel.
+
+        Returns:
+            Poses `[M, 3]` (m, m, rad), and `[M, 3]` (arc length, 0, turn) since the one before.
+        """
+        metres_per_tick = 2 * jnp.pi * self.wheel_radius / self.ticks_per_turn
+        travelled = (ticks - ticks[:1]).astype(jnp.float32) * metres_per_tick
+        heading = (travelled[:, 1] - travelled[:, 0]) / self.track_width
+        arc = jnp.diff(travelled.mean(axis=1), prepend=0.0)
+        turn = jnp.diff(heading, prepend=0.0)
+        chord = arc * jnp.sinc(turn / (2 * jnp.pi))
+        direction = heading - turn / 2
+        steps = chord[:, None] * jnp.stack([jnp.cos(direction), jnp.sin(direction)], axis=1)
+        poses = jnp.concatenate([running_sum(steps), se2.wrap(heading)[:, None]], axis=1)
+        return poses, jnp.stack([arc, jnp.zeros_like(arc), turn], axis=1)
+
+    def _wheel_angles(
+        self, slip: Float[Array, "steps 2"], drive: Drive, errors: OdometryErrors
+    ) -> Float[Array, "P 2"]:
+        """Angle `[P, 2]` that the left and right wheel have really turned at each step, radians."""
+        half_track = self.track_width * (1 + errors.track_width) / 2
+        speed, yaw_rate = drive.velocities[:-1, 0], drive.velocities[:-1, 2]
+        rolled = jnp.stack([speed - half_track * yaw_rate, speed + half_track * yaw_rate], axis=1)
+        rolled = rolled / drive.rate
+        rolled = rolled + self.sigma_slip * jnp.sqrt(jnp.abs(rolled)) * slip
+        radius = self.wheel_radius * (1 + jnp.stack([errors.left_radius, errors.right_radius]))
+        turned = running_sum(rolled / radius[None])
+        return jnp.concatenate([jnp.zeros((1, 2), jnp.float32), turned])

@@ -1,0 +1,93 @@
+"""A corridor round a block of rooms: a long loop in which a lidar of short range sees little that differs."""
+
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+from jaxtyping import Float64, PRNGKeyArray
+
+from jaxslam.sim.worlds.world import World, walls
+
+_CLEAR = 1.5
+"""Of doors and pilasters, from the corners, metres."""
+
+
+@dataclass(frozen=True)
+class Corridor:
+    """The plan of a corridor; lengths in metres.
+
+    Attributes:
+        length: of the floor, along x.
+        depth: of the floor, along y.
+        width: of the corridor.
+        recess: how deep the doors lie in the outer wall, and how far the pilasters stand out of the inner.
+        spacing: between doors and between pilasters, least and most.
+        door: width of a door, least and most.
+        pilaster: width of a pilaster, least and most.
+    """
+
+    length: float = 43.0
+    depth: float = 16.0
+    width: float = 2.2
+    recess: float = 0.15
+    spacing: tuple[float, float] = (2.5, 6.0)
+    door: tuple[float, float] = (0.85, 1.1)
+    pilaster: tuple[float, float] = (0.3, 0.6)
+
+
+def corridor_loop() -> tuple[World, Float64[np.ndarray, "W 2"]]:
+    """The third paper's: 43 × 16 m, a loop of 108 m."""
+    return build_corridor("corridor_loop", Corridor(), np.random.default_rng(0))
+
+
+def random_corridor(key: PRNGKeyArray) -> tuple[World, Float64[np.ndarray, "W 2"]]:
+    """A corridor of another size with other doors, for checks on worlds that nothing was tuned on."""
+    rng = np.random.default_rng(np.asarray(jax.random.key_data(key)))
+    plan = Corridor(
+        length=rng.uniform(32, 48),
+        depth=rng.uniform(13, 20),
+        width=rng.uniform(1.9, 2.6),
+        recess=rng.uniform(0.1, 0.25),
+    )
+    return build_corridor("random_corridor", plan, rng)
+
+
+def build_corridor(
+    name: str, plan: Corridor, rng: np.random.Generator
+) -> tuple[World, Float64[np.ndarray, "W 2"]]:
+    """The world of a plan, and a tour once round it, from the middle of the lower side.
+
+    Args:
+        name: of the world.
+        plan: its measures.
+        rng: places doors and pilasters.
+    """
+    floor = (plan.length, plan.depth)
+    around = plan.width + plan.recess
+    block = (plan.length - 2 * around, plan.depth - 2 * around)
+    outer = walls(floor, plan.recess, _openings(floor, plan.spacing, plan.door, rng))
+    # What is a niche in a wall that is seen from inside stands out of one that is seen from outside.
+    inner = walls(block, plan.recess, _openings(block, plan.spacing, plan.pilaster, rng)) + around
+    middle = plan.recess + plan.width / 2
+    left, right, low, high = middle, plan.length - middle, middle, plan.depth - middle
+    tour = np.array([[plan.length / 2, low], [right, low], [right, high], [left, high], [left, low]])
+    return World.from_shapes(name, [outer, inner]), tour
+
+
+def _openings(
+    size: tuple[float, float],
+    spacing: tuple[float, float],
+    width: tuple[float, float],
+    rng: np.random.Generator,
+) -> list[list[tuple[float, float]]]:
+    """Openings of the four walls round a rectangle, as `walls` takes them."""
+    sides = []
+    for length in (size[0], size[1], size[0], size[1]):
+        openings: list[tuple[float, float]] = []
+        start = _CLEAR + rng.uniform(0.0, spacing[0])
+        while start + width[1] < length - _CLEAR:
+            opening = rng.uniform(*width)
+            openings.append((start, opening))
+            start += opening + rng.uniform(*spacing)
+        sides.append(openings)
+    return sides

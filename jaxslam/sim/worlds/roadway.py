@@ -1,0 +1,156 @@
+"""A coal-mine roadway: two drifts that look alike all along, joined by cross-cuts."""
+
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+from jaxtyping import Float64, PRNGKeyArray
+
+from jaxslam.sim.worlds.world import World, box, polyline
+
+
+@dataclass(frozen=True)
+class Roadway:
+    """The plan of a roadway; lengths in metres.
+
+    Attributes:
+        length: of both drifts, which run along x.
+        spacing: between their centre lines.
+        width: of the drifts and the cross-cuts.
+        cross_cuts: centre lines of the cross-cuts, x; the first and the last close the loop.
+        stubs: dead ends, as x and 1 for one off the upper drift, −1 for one off the lower.
+        stub_depth: how far they go.
+        roughness: how far the walls bulge, to either side at most.
+        facet: length of a piece of wall.
+        support_spacing: between the legs of the supports, along both walls.
+        bend: how far the drifts leave the straight, to either side.
+        bend_length: of a whole bend.
+    """
+
+    length: float = 71.0
+    spacing: float = 16.0
+    width: float = 4.0
+    cross_cuts: tuple[float, ...] = (2.0, 37.0, 69.0)
+    stubs: tuple[tuple[float, int], ...] = ((18.0, -1), (54.0, 1))
+    stub_depth: float = 3.0
+    roughness: float = 0.15
+    facet: float = 0.5
+    support_spacing: float = 1.5
+    bend: float = 0.6
+    bend_length: float = 47.0
+
+
+def roadway() -> tuple[World, Float64[np.ndarray, "W 2"]]:
+    """Two drifts of 71 m with three cross-cuts and two dead ends; the loop round it is 166 m."""
+    return build_roadway("roadway", Roadway(), np.random.default_rng(0))
+
+
+def random_roadway(key: PRNGKeyArray) -> tuple[World, Float64[np.ndarray, "W 2"]]:
+    """A roadway with another plan and other walls, for checks on worlds that nothing was tuned on."""
+    rng = np.random.default_rng(np.asarray(jax.random.key_data(key)))
+    length, width = rng.uniform(62, 80), rng.uniform(3.6, 4.6)
+    middle = length * rng.uniform(0.4, 0.6)
+    stub_below = middle * rng.uniform(0.35, 0.7)
+    stub_above = middle + (length - middle) * rng.uniform(0.3, 0.6)
+    plan = Roadway(
+        length=length,
+        spacing=rng.uniform(12, 18),
+        width=width,
+        cross_cuts=(width / 2, middle, length - width / 2),
+        stubs=((stub_below, -1), (stub_above, 1)),
+        roughness=rng.uniform(0.1, 0.2),
+        support_spacing=rng.uniform(1.2, 1.8),
+        bend=rng.uniform(0.0, 0.8),
+        bend_length=rng.uniform(35, 60),
+    )
+    return build_roadway("random_roadway", plan, rng)
+
+
+def build_roadway(
+    name: str, plan: Roadway, rng: np.random.Generator
+) -> tuple[World, Float64[np.ndarray, "W 2"]]:
+    """The world of a plan, and a tour once round the loop.
+
+    Args:
+        name: of the world.
+        plan: its measures.
+        rng: of the roughness.
+    """
+    half = plan.width / 2
+    outlines = [_outer(plan), *_pillars(plan)]
+    shapes = [polyline(_bent(plan, _rough(plan, rng, outline)), closed=True) for outline in outlines]
+    for x, y in _supports(plan):
+        (bent,) = _bent(plan, np.array([[x, y]]))
+        shapes.append(box((float(bent[0]), float(bent[1])), (0.16, 0.16), angle=rng.uniform(0.0, 1.5)))
+    left, right = plan.cross_cuts[0], plan.cross_cuts[-1]
+    corners = np.array([[left, 0.0], [right, 0.0], [right, plan.spacing], [left, plan.spacing]])
+    tour = _bent(plan, _subdivided(corners, 6.0))
+    # From within the lower drift: a corner would be a place that is easily known again.
+    start = int(np.argmin(np.abs(tour[:, 0] - plan.length / 3) + np.abs(tour[:, 1]) * (tour[:, 1] > half)))
+    return World.from_shapes(name, shapes), np.roll(tour, -start, axis=0)
+
+
+def _outer(plan: Roadway) -> Float64[np.ndarray, "_ 2"]:
+    """Outline of all that is open, counter-clockwise, with the dead ends."""
+    half = plan.width / 2
+    low, high = -half, plan.spacing + half
+    lower, upper = [(0.0, low)], [(plan.length, high)]
+    for x, side in sorted(plan.stubs):
+        if side < 0:
+            deep = low - plan.stub_depth
+            lower += [(x - half, low), (x - half, deep), (x + half, deep), (x + half, low)]
+    for x, side in sorted(plan.stubs, reverse=True):
+        if side > 0:
+            deep = high + plan.stub_depth
+            upper += [(x + half, high), (x + half, deep), (x - half, deep), (x - half, high)]
+    return np.array([*lower, (plan.length, low), *upper, (0.0, high)])
+
+
+def _pillars(plan: Roadway) -> list[Float64[np.ndarray, "4 2"]]:
+    """Outlines of the coal that was left between the cross-cuts."""
+    half = plan.width / 2
+    low, high = half, plan.spacing - half
+    pairs = zip(plan.cross_cuts[:-1], plan.cross_cuts[1:], strict=True)
+    return [
+        np.array([(a + half, low), (b - half, low), (b - half, high), (a + half, high)]) for a, b in pairs
+    ]
+
+
+def _supports(plan: Roadway) -> list[tuple[float, float]]:
+    """Where the legs of the supports stand: along both walls of both drifts, but not in an opening."""
+    off_wall = plan.width / 2 - plan.roughness - 0.2
+    legs = []
+    for x in np.arange(plan.support_spacing / 2, plan.length, plan.support_spacing):
+        for drift in (0.0, plan.spacing):
+            for side in (-1, 1):
+                inner = (drift == 0.0) == (side > 0)
+                openings = (
+                    plan.cross_cuts if inner else [place for place, where in plan.stubs if where == side]
+                )
+                if all(abs(x - opening) > plan.width / 2 + 0.3 for opening in openings):
+                    legs.append((float(x), drift + side * off_wall))
+    return legs
+
+
+def _subdivided(outline: Float64[np.ndarray, "P 2"], step: float) -> Float64[np.ndarray, "_ 2"]:
+    """A closed outline with points at most `step` apart."""
+    points = []
+    for start, end in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+        count = max(1, int(np.ceil(np.linalg.norm(end - start) / step)))
+        points.append(start + (end - start) * np.arange(count)[:, None] / count)
+    return np.concatenate(points)
+
+
+def _rough(
+    plan: Roadway, rng: np.random.Generator, outline: Float64[np.ndarray, "P 2"]
+) -> Float64[np.ndarray, "_ 2"]:
+    """An outline in facets, each corner of which is moved at random."""
+    points = _subdivided(outline, plan.facet)
+    return points + rng.uniform(-plan.roughness, plan.roughness, points.shape)
+
+
+def _bent(plan: Roadway, points: Float64[np.ndarray, "P 2"]) -> Float64[np.ndarray, "P 2"]:
+    """The plan's straight drifts as they are driven."""
+    return points + np.stack(
+        [np.zeros(len(points)), plan.bend * np.sin(2 * np.pi * points[:, 0] / plan.bend_length)], axis=1
+    )

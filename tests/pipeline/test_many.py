@@ -1,0 +1,267 @@
+"""Many runs in one program are the runs that `run_log` makes, one by one."""
+
+import dataclasses
+from unittest.mock import Mock
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxslam.config.dotted import update
+from jaxslam.config.thinning import Thinning
+from jaxslam.grid import GridSpec, OccupancyModel
+from jaxslam.motion import OdometryMotion
+from jaxslam.pipeline.inputs import PreparedInputs, prepare_inputs
+from jaxslam.pipeline.many import ManyResult, _check_memory, _program, _that_fit, bytes_needed, run_many
+from jaxslam.pipeline.run import run_log
+from jaxslam.proposal import MotionProposal
+from jaxslam.resampling import AdaptiveResampling, SystematicResampler
+from jaxslam.sensor import LikelihoodField
+from jaxslam.sim import Lidar, hall_small, simulate, to_log
+from jaxslam.slam import RBPF
+
+NUM_BEAMS = 24
+KEYS = jnp.stack([jax.random.key(seed) for seed in range(3)])
+SIGMAS = [0.1, 0.3]
+
+
+def drive(seed: int, duration: float) -> PreparedInputs:
+    world, waypoints = hall_small()
+    lidar = Lidar(
+        num_beams=NUM_BEAMS,
+        angle_min=-np.pi,
+        angle_increment=2 * np.pi / NUM_BEAMS,
+        range_min=0.05,
+        range_max=4.0,
+        sigma_constant=0.01,
+        rate=10.0,
+    )
+    simulation = simulate(jax.random.key(seed), world, waypoints, lidar=lidar, duration=duration)
+    return prepare_inputs(to_log(simulation), Thinning(0.1, 0.2))
+
+
+@pytest.fixture(scope="module")
+def prepared() -> PreparedInputs:
+    return drive(0, 6.0)
+
+
+@pytest.fixture(scope="module")
+def slam(prepared) -> RBPF:
+    """The traditional filter with little noise: it resamples, and compiles fast."""
+    bounds = prepared.odometry_bounds
+    return RBPF(
+        grid=GridSpec.covering(bounds[0] - 5.0, bounds[1] + 5.0, 0.1),
+        motion=OdometryMotion(),
+        sensor=LikelihoodField(max_beams=NUM_BEAMS),
+        proposal=MotionProposal(),
+        resampling=AdaptiveResampling(SystematicResampler(), 0.9),
+        occupancy=OccupancyModel(),
+        usable_range=3.0,
+        num_particles=4,
+        window_size=64,
+    )
+
+
+@pytest.fixture(scope="module")
+def many(slam, prepared) -> ManyResult:
+    return run_many(slam, KEYS, {"sensor.sigma_hit": SIGMAS}, prepared, maps=True)
+
+
+def assert_same_runs(found, wanted, tolerance=1e-5):
+    """The same runs but for rounding, which ends a beam in the next cell now and then.
+
+    Where resampling hangs on that, the two part for good: it may be one run of six, and no more.
+    """
+    same = np.max(np.abs(found - wanted), axis=(-1, -2), initial=0.0) < tolerance
+    assert np.mean(same) > 0.8, same
+
+
+def test_every_run_is_that_of_run_log(slam, prepared, many):
+    steps = len(prepared.stamps)
+    assert many.trajectories.shape == (len(SIGMAS), len(KEYS), steps, 3)
+    assert many.resampled.any()
+    filters = [update(slam, {"sensor.sigma_hit": sigma}) for sigma in SIGMAS]
+    alone = [[run_log(each, key, prepared) for key in KEYS] for each in filters]
+    assert_same_runs(many.trajectories, np.array([[run.trajectory for run in row] for row in alone]))
+    # Of the first run all is the same.
+    first = alone[0][0]
+    np.testing.assert_allclose(many.ess[0, 0], first.ess, rtol=1e-3)
+    np.testing.assert_array_equal(many.resampled[0, 0], first.resampled)
+    np.testing.assert_array_equal(many.flags[0, 0], first.flags)
+    assert np.mean(many.log_odds[0, 0] != first.log_odds) < 2e-3
+    assert len({run.tobytes() for run in many.trajectories.reshape(-1, steps, 3)}) == 6
+
+
+def test_the_same_call_gives_the_same_bytes(slam, prepared, many):
+    again = run_many(slam, KEYS, {"sensor.sigma_hit": SIGMAS}, prepared, maps=True)
+    assert again.trajectories.tobytes() == many.trajectories.tobytes()
+    assert again.log_odds.tobytes() == many.log_odds.tobytes()
+
+
+def test_filters_may_be_given_in_place_of_names(slam, prepared, many):
+    filters = [update(slam, {"sensor.sigma_hit": sigma}) for sigma in SIGMAS]
+    again = run_many(slam, KEYS, filters, prepared)
+    assert_same_runs(again.trajectories, many.trajectories)
+    assert again.log_odds is None
+
+
+def test_other_values_and_keys_compile_nothing(slam, prepared, many):
+    program = _program(tuple(jax.devices()), 1, 64, False)
+    run_many(slam, KEYS, {"sensor.sigma_hit": SIGMAS}, prepared)
+    before = program._cache_size()
+    run_many(slam, KEYS[::-1], {"motion.translation_floor": [0.01, 0.02]}, prepared)
+    run_many(update(slam, {"usable_range": 2.5}), KEYS, {"sensor.sigma_hit": [0.2, 0.25]}, prepared)
+    assert program._cache_size() == before >= 1
+
+
+@pytest.mark.parametrize(("together", "num_devices"), [(1, 1), (4, 1), (2, 2)])
+def test_how_the_runs_are_laid_out_changes_nothing(slam, prepared, many, together, num_devices):
+    """Six runs, of which a call takes 1, 4 or 4: the last call is not always full."""
+    found = run_many(
+        slam,
+        KEYS,
+        {"sensor.sigma_hit": SIGMAS},
+        prepared,
+        maps=True,
+        together=together,
+        devices=jax.devices()[:num_devices],
+    )
+    assert_same_runs(found.trajectories, many.trajectories, 1e-4)
+
+
+def test_every_key_may_have_an_input_of_its_own(slam, prepared, many):
+    inputs = [prepared, drive(1, 4.0), drive(2, 5.0)]
+    assert len({len(each.stamps) for each in inputs}) == 3
+    found = run_many(slam, KEYS, None, inputs)
+    for column, (key, each) in enumerate(zip(KEYS, inputs, strict=True)):
+        path = found.trajectories[0, column]
+        length = len(each.stamps)
+        # Before rounding can have set them apart.
+        alone = run_log(slam, key, each).trajectory
+        np.testing.assert_allclose(path[: length // 3], alone[: length // 3], atol=1e-5)
+        assert np.isfinite(path[:length]).all()
+        assert np.isnan(path[length:]).all()
+        assert not found.flags[0, column, length:].any()
+    assert found.scans_per_s == pytest.approx(sum(len(each.stamps) for each in inputs) / found.run_s)
+
+
+def test_a_robot_at_the_edge_of_its_map_is_told(slam, prepared, many):
+    assert not many.left_map.any()
+    origin = slam.grid.origin + jnp.asarray([5.0, 0.0], jnp.float32)
+    moved = dataclasses.replace(slam, grid=dataclasses.replace(slam.grid, origin=origin))
+    found = run_many(slam, KEYS[:1], [slam, moved], prepared)
+    assert found.left_map.tolist() == [[False], [True]]
+
+
+@pytest.mark.parametrize(
+    ("configs", "message"),
+    [
+        ({"sensor.sigma_hti": [0.1]}, "did you mean 'sensor.sigma_hit'"),
+        ({"sensor.sigma_hit": [0.1, -1.0]}, "sigma_hit is -1.0"),
+        ({"sensor.sigma_hit": [0.1, float("nan")]}, "finite"),
+        ({"sensor.sigma_hit": [0.1, 0.2], "usable_range": [3.0]}, "different number"),
+        ({"num_particles": [4, 8]}, "num_particles is a size or a choice"),
+        ({"proposal.kind": ["motion", "matched"]}, "proposal.kind is a size or a choice"),
+        ({"sensor.sigma_hit": []}, "no configuration"),
+        ([], "no configuration"),
+    ],
+)
+def test_bad_configurations(slam, prepared, configs, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        run_many(slam, KEYS, configs, prepared)
+    assert "\n" not in str(caught.value)
+
+
+def test_bad_inputs(slam, prepared, monkeypatch):
+    with pytest.raises(ValueError, match="3 keys and 2 inputs"):
+        run_many(slam, KEYS, None, [prepared, prepared])
+    with pytest.raises(ValueError, match="0 keys"):
+        run_many(slam, KEYS[:0], None, prepared)
+    with pytest.raises(ValueError, match="spread over devices already"):
+        run_many(slam.spread_over(jax.devices()), KEYS, None, prepared)
+    monkeypatch.setattr("jaxslam.pipeline.many.physical_memory", lambda: 1e5)
+    with pytest.raises(ValueError, match=r"1 runs at once of 4 maps .* GB .* 0.0001 GB there are"):
+        run_many(slam, KEYS, None, prepared)
+    with pytest.raises(ValueError, match=r"2 runs at once of 4 maps"):
+        run_many(slam, KEYS, None, prepared, devices=jax.devices()[:2])
+
+
+def test_neither_devices_nor_runs_together_may_be_none(slam, prepared):
+    with pytest.raises(ValueError, match="0 devices, None runs together: give one or more of each"):
+        run_many(slam, KEYS, None, prepared, devices=[])
+    for together in (0, -1):
+        with pytest.raises(ValueError, match=f"2 devices, {together} runs together"):
+            run_many(slam, KEYS, None, prepared, together=together)
+    with pytest.raises(ValueError, match="no device to spread the particles over"):
+        slam.spread_over([])
+
+
+@pytest.mark.parametrize(("room", "count"), [(0.5, 1), (1.0, 1), (1.9, 1), (2.1, 2), (4.5, 4), (99.0, 8)])
+def test_as_many_devices_as_there_is_memory_for(slam, monkeypatch, room, count):
+    alone = bytes_needed(slam, 64, together=2, num_devices=1, kept_maps=0)
+    monkeypatch.setattr("jaxslam.pipeline.many.physical_memory", lambda: room * alone)
+    eight = tuple(jax.devices()[:1]) * 8
+    assert len(_that_fit(slam, 64, 2, eight, 0)) == count
+
+
+def test_devices_with_memory_of_their_own_are_asked_for_it(slam):
+    accelerator = Mock(spec=jax.devices()[0], platform="gpu")
+    accelerator.memory_stats.return_value = {"bytes_limit": 1e5}
+    several = (accelerator,) * 4
+    assert _that_fit(slam, 64, 1, several, 0) == several
+    # Maps that are kept for the result are in main memory.
+    with pytest.raises(
+        ValueError, match=r"1 runs at once of 4 maps .* 1000 maps kept, .* 0.0001 GB there are"
+    ):
+        _check_memory(slam, 64, 1, several, 1000)
+
+
+@pytest.mark.parametrize("together", [1, 3])
+def test_the_memory_is_what_the_compiler_says(slam, prepared, together, monkeypatch):
+    """On maps that are what takes the memory."""
+    grid = dataclasses.replace(slam.grid, height=1200, width=1000)
+    large = dataclasses.replace(slam, grid=grid, num_particles=30, window_size=320)
+    compiled, program = [], _program
+
+    def only_compiled(*arguments):
+        def call(*operands):
+            compiled.append(program(*arguments).lower(*operands).compile().memory_analysis())
+            raise RuntimeError("compiled")
+
+        return call
+
+    monkeypatch.setattr("jaxslam.pipeline.many._program", only_compiled)
+    with pytest.raises(RuntimeError, match="compiled"):
+        run_many(large, KEYS, None, prepared, together=together, devices=jax.devices()[:1])
+    [found] = compiled
+    needed = bytes_needed(large, 64, together=together, num_devices=1, kept_maps=0)
+    assert 0.8 * needed < found.temp_size_in_bytes < 1.1 * needed
+
+
+def test_particles_spread_over_devices_are_the_same_particles(slam, prepared):
+    alone = run_log(slam, KEYS[0], prepared)
+    spread = run_log(slam.spread_over(jax.devices()), KEYS[0], prepared)
+    assert alone.resampled.any()
+    np.testing.assert_allclose(spread.trajectory, alone.trajectory, atol=1e-5)
+    np.testing.assert_array_equal(spread.infos.ancestors, alone.infos.ancestors)
+    assert np.mean(spread.log_odds != alone.log_odds) < 1e-3
+
+
+def test_a_filter_spread_over_devices_keeps_its_maps_there(slam, prepared):
+    """What is sent between devices at a step is a map that is copied, and never all of them."""
+    spread = slam.spread_over(jax.devices())
+    state = jax.jit(RBPF.init)(spread, KEYS[0], jnp.asarray(prepared.pose0, jnp.float32))
+    assert len(state.maps.sharding.device_set) == 2
+    now = jax.tree.map(lambda leaf: leaf[0], prepared.inputs)
+    program = jax.jit(RBPF.step).lower(spread, KEYS[0], state, now).compile().as_text()
+    height, width = slam.grid.height, slam.grid.width
+    gathers = [line for line in program.splitlines() if " all-gather(" in line]
+    assert gathers
+    assert not any(f"{height},{width}]" in line or "64,64]" in line for line in gathers)
+
+
+def test_particles_that_cannot_be_shared_out(slam):
+    with pytest.raises(ValueError, match="5 particles cannot be shared out equally over 2 devices: take 6"):
+        dataclasses.replace(slam, num_particles=5).spread_over(jax.devices())
+    assert slam.spread_over(jax.devices()[:1]).mesh is None

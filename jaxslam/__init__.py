@@ -1,64 +1,103 @@
 """Vectorized Rao-Blackwellized particle-filter SLAM for 2D lidar, in JAX.
 
-The names of a first session are here; every other name is in the package it belongs to. Importing `jaxslam`
-costs nothing: each name is loaded when it is first used (PEP 562).
+The names of a first session are here; every other name is in the package it belongs to. Each name is loaded
+when it is first used (PEP 562), so `import jaxslam` imports nothing else.
 """
 
 import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from jaxslam.config.localization import LocalizationConfig as LocalizationConfig
+    from jaxslam import (
+        fusion,
+        grid,
+        io,
+        lidar,
+        localization,
+        matching,
+        metrics,
+        motion,
+        proposal,
+        range_network,
+        resampling,
+        sensor,
+        sim,
+        slam,
+        study,
+        viz,
+    )
+    from jaxslam.config.localization import LocalizationConfig
+    from jaxslam.config.slam import SlamConfig
+    from jaxslam.io.log import LogError, SensorLog
+    from jaxslam.io.reader import read_log
+    from jaxslam.pipeline.localize import LocalizationResult, localize_log
+    from jaxslam.pipeline.many import ManyResult, run_many
+    from jaxslam.pipeline.prepare import prepare, prepare_localization
+    from jaxslam.pipeline.run import RunResult, run_log
+    from jaxslam.slam.rbpf import RBPF
 
-_HOMES = {
-    "Flag": "core.flags",
-    "GridSpec": "grid.spec",
-    "LidarScan": "core.types",
-    "LocalizationConfig": "config.localization",
-    "LogError": "io.log",
+    __version__: str
+
+__all__ = [
+    "RBPF",
+    "LocalizationConfig",
+    "LocalizationResult",
+    "LogError",
+    "ManyResult",
+    "RunResult",
+    "SensorLog",
+    "SlamConfig",
+    "__version__",
+    "fusion",
+    "grid",
+    "io",
+    "lidar",
+    "localization",
+    "localize_log",
+    "matching",
+    "metrics",
+    "motion",
+    "prepare",
+    "prepare_localization",
+    "proposal",
+    "range_network",
+    "read_log",
+    "resampling",
+    "run_log",
+    "run_many",
+    "sensor",
+    "sim",
+    "slam",
+    "study",
+    "viz",
+]
+
+_MODULES = {
     "RBPF": "slam.rbpf",
+    "LocalizationConfig": "config.localization",
+    "LocalizationResult": "pipeline.localize",
+    "LogError": "io.log",
+    "ManyResult": "pipeline.many",
     "RunResult": "pipeline.run",
     "SensorLog": "io.log",
     "SlamConfig": "config.slam",
-    "StepInputs": "core.types",
-    "Thinning": "config.thinning",
+    "localize_log": "pipeline.localize",
     "prepare": "pipeline.prepare",
+    "prepare_localization": "pipeline.prepare",
     "read_log": "io.reader",
     "run_log": "pipeline.run",
     "run_many": "pipeline.many",
 }
-"""Module of each name, below `jaxslam`."""
-
-_PACKAGES = (
-    "io",
-    "grid",
-    "lidar",
-    "motion",
-    "sensor",
-    "matching",
-    "proposal",
-    "resampling",
-    "slam",
-    "localization",
-    "fusion",
-    "range_network",
-    "metrics",
-    "sim",
-    "viz",
-    "study",
-)
-
-__all__ = sorted([*_HOMES, *_PACKAGES])
+"""The module below `jaxslam` that defines each name; all other names of `__all__` are packages."""
 
 
 def __getattr__(name: str) -> object:
+    value: object
     if name == "__version__":
-        from importlib.metadata import version
-
-        return version("jaxslam")
-    if name in _HOMES:
-        value = getattr(importlib.import_module(f"jaxslam.{_HOMES[name]}"), name)
-    elif name in _PACKAGES:
+        value = importlib.import_module("importlib.metadata").version("jaxslam")
+    elif name in _MODULES:
+        value = getattr(importlib.import_module(f"jaxslam.{_MODULES[name]}"), name)
+    elif name in __all__:
         value = importlib.import_module(f"jaxslam.{name}")
     else:
         raise AttributeError(f"module 'jaxslam' has no attribute {name!r}")
@@ -67,4 +106,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return [*__all__, "__version__"]
+    return __all__

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from jaxslam.cli.parser import parse
+from jaxslam.cli.main import parse
 from jaxslam.study import read_plan
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -18,7 +18,7 @@ from jaxslam.core.types import StepInputs
 from jaxslam.io import OccupancyMap
 from jaxslam.localization import AMCL, AMCLInfo, run
 from jaxslam.pipeline.build import build_localizer
-from jaxslam.pipeline.inputs import prepare_inputs
+from jaxslam.pipeline.inputs import pair_scans
 from jaxslam.pipeline.prepare import prepare
 from jaxslam.pipeline.run import run_log
 from jaxslam.preprocess.ranges import correct_scans
@@ -46,7 +46,7 @@ def _run_seed(settings, seed: int, run_program) -> Arrays:
     _, simulation = drive(settings["world"], seed, settings["duration"])
     log = to_log(simulation, settings["world"], in_world_frame=True)
     corrected, _ = correct_scans(log, CONFIGURATION.lidar)
-    prepared = prepare_inputs(corrected, CONFIGURATION.thinning)
+    prepared = pair_scans(corrected, CONFIGURATION.thinning)
     truth = np.asarray(simulation.scan_poses, np.float64)[prepared.scan_index]
     # The built map is that of another drive, which is over.
     amcl = build_localizer(CONFIGURATION, known_map(settings["world"], settings["duration"], settings["map"]))

@@ -17,7 +17,7 @@ from experiments.range_network.cells import run_cell
 from experiments.range_network.devices import Quality, calibration, device, learnt
 from experiments.range_network.figures import draw_loops
 from experiments.timing import milliseconds_per_scan
-from jaxslam.report.range_network import PAPERS_MSE, write_training
+from jaxslam.report.training_folder import PAPERS_MSE, write_training
 
 QUESTION = "Does a network that corrects a cheap lidar let 30 particles close a loop that takes 400 without?"
 PARTICLES, SMOKE_PARTICLES = (30, 100, 200, 400), (5,)

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from jaxslam.range_network import RangeNetwork
-from jaxslam.range_network.learning import Learnt, Method, Split, learn
+from jaxslam.range_network.learning import Method, Split, TrainingResult, learn
 from jaxslam.range_network.readings import Readings
 from jaxslam.sim import Lidar, calibration_distances, calibration_run, draw_lds_01_bias, lds_01
 
@@ -50,10 +50,14 @@ def calibration(lidar: Lidar, unit: int, num_readings: int = 2000) -> Readings:
     return Readings(true[returned], np.asarray(ranges, np.float64)[returned], int((~returned).sum()))
 
 
-def learnt(quality: Quality, unit: int, method: Method = "levenberg-marquardt", restarts: int = 5) -> Learnt:
+def learnt(
+    quality: Quality, unit: int, method: Method = "levenberg-marquardt", restarts: int = 5
+) -> TrainingResult:
     """50 neurons on the calibration of one lidar."""
     readings = calibration(device(quality, unit), unit)
-    return learn(jax.random.key(unit), readings, Split.of(readings), restarts=restarts, method=method)
+    return learn(
+        jax.random.key(unit), readings, Split.from_readings(readings), restarts=restarts, method=method
+    )
 
 
 @functools.cache

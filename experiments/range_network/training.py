@@ -6,7 +6,7 @@ import numpy as np
 
 from experiments.harness import Arrays, Cell, stack_seeds
 from experiments.range_network.devices import Quality, calibration, device, learnt
-from jaxslam.report.range_network import distance_errors, role_errors
+from jaxslam.report.training_folder import distance_errors, role_errors
 
 
 def run_cell(cell: Cell) -> Arrays:

@@ -1,5 +1,1 @@
-"""The `jaxslam` command."""
-
-from jaxslam.cli.main import main
-
-__all__ = ["main"]
+"""The `jaxslam` command; each command is one file with its flags and its code."""

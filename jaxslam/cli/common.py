@@ -1,61 +1,99 @@
-"""What `run` and `demo` share: the filter over prepared inputs, warnings, the summary."""
+"""What the commands share: flags, checks of their input, warnings and summaries.
 
+A command module is imported for `--help`, so it imports the rest of jaxslam where it runs, not at its top.
+"""
+
+import shlex
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import jax
-import numpy as np
-from jaxtyping import Float64
+from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
 
-from jaxslam.config.slam import SlamConfig
-from jaxslam.fusion import YawTrack
-from jaxslam.io import SensorLog, read_tum
-from jaxslam.pipeline.prepare import Prepared
-from jaxslam.pipeline.run import RunResult, Snapshot, run_log
-from jaxslam.preprocess.deskew import SweepTiming
-from jaxslam.range_network import RangeNetwork, load_network
-from jaxslam.report import file_sha256
-from jaxslam.viz.animation import MapFrame, animate_map
+if TYPE_CHECKING:
+    from jaxslam.core.trajectory import Trajectory
+    from jaxslam.fusion import YawTrack
+    from jaxslam.io import SensorLog
+    from jaxslam.pipeline.inputs import PreparedScans
+    from jaxslam.pipeline.run import RunResult, Snapshot
+    from jaxslam.preprocess.deskew import SweepTiming
+    from jaxslam.range_network import RangeNetwork
+    from jaxslam.slam.rbpf import RBPF
+
+MethodName = Literal["rbpf", "gmapping", "fruit-fly", "gaussian"]
+LidarName = Literal["sick", "urg-04lx", "rplidar-a1", "lds-01", "lds-02", "vlp-16"]
+Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+
+_NONE = "(default: none)"
+_FROM_CONFIG = "(default: from the configuration, see `jaxslam config`)"
+
+LogPath = Annotated[Path, Positional, arg(metavar="LOG")]
+"""The log file, or the folder of a ROS 2 bag."""
+Particles = Annotated[int | None, arg(metavar="N", help_behavior_hint=_FROM_CONFIG)]
+Method = Annotated[MethodName | None, arg(help_behavior_hint="(default: gmapping)")]
+Lidar = Annotated[LidarName | None, arg(help_behavior_hint="(default: chosen by the scans of the log)")]
+Assignments = Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=VALUE", help_behavior_hint=_NONE)]
+File = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint=_NONE)]
+Topic = Annotated[str | None, arg(metavar="TOPIC", help_behavior_hint="(default: auto-detected)")]
+YawAxis = Annotated[Axis | None, arg(help_behavior_hint="(default: from the log, or from gravity)")]
+Switch = FlagCreatePairsOff[bool]
 
 _MAX_SEED = 2**32 - 1
 
 
 def check_seed(seed: int) -> None:
-    """Raises a one-line `ValueError` for a seed that is no 32-bit number."""
+    """Raise a one-line `ValueError` for a seed that is not a 32-bit number."""
     if not 0 <= seed <= _MAX_SEED:
         raise ValueError(f"--seed is {seed}: give 0 to {_MAX_SEED}")
 
 
 def warn(lines: Iterable[str]) -> None:
-    """Prints warnings, one line each, to stderr."""
+    """Print warnings to stderr, one line each."""
     for line in lines:
         print(f"jaxslam: warning: {' '.join(line.split())}", file=sys.stderr)
 
 
-def warn_if_assumed(yaw: YawTrack) -> None:
-    """Warns of an IMU of which nothing tells how it is mounted."""
+def print_table(lines: Mapping[str, str], width: int = 10) -> None:
+    """Print labels and texts in two columns."""
+    for label, text in lines.items():
+        print(f"{label:<{width}}{text}")
+
+
+def warn_if_assumed(yaw: "YawTrack") -> None:
+    """Warn if neither the log nor gravity shows how the IMU is mounted."""
     if yaw.source == "assumed":
-        warn(["the log does not say how the IMU is mounted, nor does gravity: z is taken to point up"])
+        warn(["neither the log nor gravity shows how the IMU is mounted: its z axis is assumed to point up"])
 
 
-def warn_if_unmounted(log: SensorLog) -> None:
-    """Warns of a lidar of which nothing tells how it is mounted, where no other warning has."""
+def read_log(
+    path: Path, *, scan_topic: str | None = None, odom_topic: str | None = None, imu_topic: str | None = None
+) -> "SensorLog":
+    """Read a log and print its warnings, among them one about an unknown mounting of the lidar."""
+    import jaxslam
+
+    log = jaxslam.read_log(path, scan_topic=scan_topic, odometry_topic=odom_topic, imu_topic=imu_topic)
+    warn(log.warnings)
     told = any("mounting" in line or "mounted" in line for line in log.warnings)
     if log.scans is not None and not log.scans.mounting_known and not told:
         x, y, theta = log.scans.pose_base_lidar
-        warn([f"the log does not say how the lidar is mounted: taken as x {x:g} m, y {y:g} m, {theta:g} rad"])
+        warn([f"the log does not say how the lidar is mounted: assuming x {x:g} m, y {y:g} m, {theta:g} rad"])
+    return log
 
 
-def read_reference(path: Path, log: SensorLog) -> tuple[Float64[np.ndarray, "M"], Float64[np.ndarray, "M 3"]]:
-    """Stamps and poses of a reference trajectory that belongs to a log.
+def read_reference(path: Path, log: "SensorLog") -> "Trajectory":
+    """Read the reference trajectory of a log.
 
     Raises:
-        ValueError: its stamps run backwards, or fewer than two of its poses lie within the log. Found here,
-            it does not cost the run.
+        ValueError: its stamps run backwards, or fewer than two of its poses lie within the log. The error
+            comes before the run and not after it.
     """
-    stamps, poses = read_tum(path)
+    import numpy as np
+
+    from jaxslam.io import read_tum
+
+    reference = read_tum(path)
+    stamps = reference.stamps
     if np.any(np.diff(stamps) < 0):
         row = int(np.flatnonzero(np.diff(stamps) < 0)[0]) + 1
         raise ValueError(f"{path}: the stamps run backwards at pose {row + 1} ({stamps[row]:.3f} s): sort it")
@@ -67,80 +105,112 @@ def read_reference(path: Path, log: SensorLog) -> tuple[Float64[np.ndarray, "M"]
                 f"{path}: {within} of its {len(stamps)} poses ({stamps.min():.3f} to {stamps.max():.3f} s) "
                 f"lie within the log's scans ({first:.3f} to {last:.3f} s): is it that of another log?"
             )
-    return stamps, poses
+    return reference
 
 
-def read_network(path: Path | None) -> RangeNetwork | None:
-    """The network that `--range-network` names; None without."""
-    return None if path is None else load_network(path)
+def read_network(path: Path | None) -> "RangeNetwork | None":
+    """Load the network that `--range-network` names; None without it."""
+    if path is None:
+        return None
+    from jaxslam.range_network import load_network
+
+    return load_network(path)
 
 
-def network_origin(path: Path | None) -> dict[str, str] | None:
-    """Which network it was, for `run.json`."""
-    return None if path is None else {"path": str(path.resolve()), "sha256": file_sha256(path)}
+def origin_of(arguments: list[str], seed: int | None = None, **files: Path | None) -> dict[str, object]:
+    """Return what `run.json` says about where a result came from.
+
+    Args:
+        arguments: of the command line.
+        seed: of the run; None leaves it out.
+        files: input files by name; None where there was none.
+    """
+    from jaxslam.report import file_sha256, versions
+
+    return {
+        **({} if seed is None else {"seed": seed}),
+        "command": shlex.join(["jaxslam", *arguments]),
+        **{
+            name: None if path is None else {"path": str(path.resolve()), "sha256": file_sha256(path)}
+            for name, path in files.items()
+        },
+        "versions": versions(),
+    }
 
 
-def describe_timing(timing: SweepTiming | None) -> str:
-    """What a user should know of the scans' stamps; empty where they agree with the odometry's."""
+def describe_timing(timing: "SweepTiming | None") -> str:
+    """Describe how the stamps of the scans differ from those of the odometry; empty if they agree."""
     if timing is None or timing.lag is None:
         return ""
     late = "late" if timing.lag.seconds < 0 else "early"
     return (
-        f"stamped {abs(timing.lag.seconds):.2f} s {late}: the scans' turning follows the odometry's best "
-        f"there (correlation {timing.lag.correlation:.2f})"
+        f"stamped {abs(timing.lag.seconds):.2f} s {late}: this shift aligns the scans' rotation with the "
+        f"odometry's (correlation {timing.lag.correlation:.2f})"
     )
 
 
-def map_log(prepared: Prepared, seed: int, *, gif: Path | None) -> RunResult:
-    """Runs a filter, with a progress bar on a terminal, and prints its warnings.
+def map_log(slam: "RBPF", scans: "PreparedScans", seed: int, *, gif: Path | None) -> "RunResult":
+    """Run a filter, with a progress bar on a terminal, and print its warnings.
 
     Args:
-        prepared: the filter and its inputs.
+        slam: the filter.
+        scans: what it runs over.
         seed: of the key.
-        gif: where to write the map as it is built, or None.
+        gif: where to write an animation of the map, or None.
     """
-    frames: list[MapFrame] = []
+    import jax
 
-    def keep(snapshot: Snapshot) -> None:
-        caption = f"{len(snapshot.trajectory)} scans"
-        frames.append(MapFrame(snapshot.log_odds, snapshot.trajectory, snapshot.particles, caption))
+    import jaxslam
 
-    result = run_log(
-        prepared.slam,
-        jax.random.key(seed),
-        prepared.inputs,
-        progress=sys.stderr.isatty(),
-        on_chunk=keep if gif is not None else None,
+    on_chunk, frames = _frames() if gif is not None else (None, [])
+    result = jaxslam.run_log(
+        slam, scans, jax.random.key(seed), progress=sys.stderr.isatty(), on_chunk=on_chunk
     )
     if gif is not None:
-        animate_map(gif, frames, result.grid.resolution, result.grid.origin)
+        jaxslam.viz.animate_map(gif, frames, result.grid.resolution, result.grid.origin)
     warn(result.warnings)
     return result
 
 
-def print_summary(
-    folder: Path,
-    result: RunResult,
-    configuration: SlamConfig,
-    metrics: Mapping[str, Any],
-    lidar: str,
-    prepared: Prepared,
+def _frames() -> "tuple[Callable[[Snapshot], None], list[Any]]":
+    from jaxslam.viz import MapFrame
+
+    frames: list[Any] = []
+
+    def keep(snapshot: "Snapshot") -> None:
+        caption = f"{len(snapshot.trajectory)} scans"
+        frames.append(MapFrame(snapshot.log_odds, snapshot.trajectory, snapshot.particles, caption))
+
+    return keep, frames
+
+
+def print_run_summary(
+    folder: Path, result: "RunResult", metrics: Mapping[str, Any], lidar: str, next_steps: Iterable[str]
 ) -> None:
-    """Prints what a user wants to know first, on stdout."""
+    """Print what a user wants to know first, on stdout.
+
+    Args:
+        folder: of the run.
+        result: of `run_log`.
+        metrics: the content of `metrics.json`.
+        lidar: name of the lidar and where it is from.
+        next_steps: commands that one would want next.
+    """
+    scans, config = result.scans, result.scans.config
+    assert config is not None and config.lidar is not None  # `prepare` has set both
     height, width = result.log_odds.shape
-    side = float(configuration.map.resolution)
-    count = configuration.num_particles
-    megabytes = count * height * width / 1e6
+    side, count = float(result.grid.resolution), len(result.particles)
     lines = {
-        "lidar": f"{lidar}, usable range {float(configuration.lidar.usable_range):g} m",
-        "maps": f"{count} of {width * side:.1f} × {height * side:.1f} m, {megabytes:.1f} MB",
+        "picture": str(folder / "map.png"),
+        "lidar": f"{lidar}, usable range {float(config.lidar.usable_range):g} m",
+        "maps": f"{count} of {width * side:.1f} × {height * side:.1f} m, {count * height * width / 1e6:.1f} MB",
         "scans": f"{metrics['scans_processed']} processed of {metrics['scans_in']}",
-        "time": f"{metrics['ms_per_scan']:.2f} ms per scan, compilation {metrics['compile_s']:.1f} s apart",
+        "time": f"{metrics['ms_per_scan']:.2f} ms per scan, plus {metrics['compile_s']:.1f} s to compile",
     }
-    if prepared.fused is not None and prepared.yaw is not None:
-        readings = prepared.fused.readings["imu"]
-        lines["odometry"] = f"fused with {readings} IMU readings (up from: {prepared.yaw.source})"
-    if stamped := describe_timing(prepared.timing):
+    if scans.fused is not None and scans.yaw is not None:
+        readings = scans.fused.readings["imu"]
+        lines["odometry"] = f"fused with {readings} IMU readings (direction of up: {scans.yaw.source})"
+    if stamped := describe_timing(scans.timing):
         lines["stamps"] = f"{stamped}; corrected"
     if relations := metrics.get("relations"):
         lines["relations"] = (
@@ -149,15 +219,21 @@ def print_summary(
             f"{relations['rot_std_deg']:.3f}° ({relations['n']} relations)"
         )
     if ate := metrics.get("ate"):
-        lines["ATE"] = (
-            f"{ate['rmse_m']:.4f} m RMSE, max {ate['max_m']:.3f} m, heading {ate['rot_rmse_deg']:.2f}° "
-            f"({ate['n']} poses)"
-        )
+        lines["ATE"] = describe_ate(ate)
     if score := metrics.get("map"):
         lines["map"] = (
             f"precision {score['precision']:.3f}, recall {score['recall']:.3f}, IoU {score['iou']:.3f} of "
             f"walls within {score['tolerance_m']:g} m; IoU of free space {score['free_iou']:.3f}"
         )
     lines["written"] = f"{folder} (map.png, map.yaml, trajectory.tum, metrics.json, …)"
-    for label, text in lines.items():
-        print(f"{label:<10}{text}")
+    print_table(lines)
+    for label, step in zip(["next", *[""] * 9], next_steps, strict=False):
+        print(f"{label:<10}{step}")
+
+
+def describe_ate(ate: Mapping[str, Any]) -> str:
+    """Describe an absolute trajectory error, as `metrics.json` has it."""
+    return (
+        f"{ate['rmse_m']:.4f} m RMSE, max {ate['max_m']:.3f} m, heading {ate['rot_rmse_deg']:.2f}° "
+        f"({ate['n']} poses)"
+    )

@@ -1,36 +1,47 @@
 """`jaxslam config`."""
 
-from jaxslam.cli.arguments import Config
-from jaxslam.config import toml
-from jaxslam.config.lidar_presets import PRESETS
-from jaxslam.config.localization import LocalizationConfig
-from jaxslam.config.resolve import Whole, effective_configuration
-from jaxslam.config.slam import SlamConfig
+from dataclasses import dataclass
+
+from jaxslam.cli.common import Assignments, File, Lidar, Method, Particles, Switch
+
+
+@dataclass(frozen=True)
+class Config:
+    """Print the configuration as TOML, every setting with its unit, for use with `run --config`."""
+
+    lidar: Lidar = None
+    """Lidar preset: usable range, range limits and rotation time."""
+    method: Method = None
+    """Proposal, as for `jaxslam run`."""
+    particles: Particles = None
+    """Number of particles; each has its own map."""
+    config: File = None
+    """Configuration in TOML to start from."""
+    set: Assignments = ()
+    """Settings by name, for example sensor.sigma_hit=0.1; repeatable. They override all other sources."""
+    localization: Switch = False
+    """Print the settings of `localize` instead of those of `run`."""
 
 
 def execute(command: Config, arguments: list[str]) -> None:
-    """Prints the effective configuration as TOML."""
-    if not command.localization:
-        _print(command, SlamConfig(), "num_particles")
-    elif command.method is None:
-        _print(command, LocalizationConfig(), "max_particles")
-    else:
-        raise ValueError("--method is of the filter that maps, and --localization of the one that localises")
+    """Print the effective configuration as TOML."""
+    import jaxslam
+    from jaxslam.config import toml
+    from jaxslam.config.resolve import resolve_config
 
-
-def _print(command: Config, defaults: Whole, particles: str) -> None:
-    configuration = effective_configuration(
+    if command.localization and command.method is not None:
+        raise ValueError("--method is a setting of `run`: leave it out with --localization")
+    defaults = jaxslam.LocalizationConfig() if command.localization else jaxslam.SlamConfig()
+    particles = "max_particles" if command.localization else "num_particles"
+    config = resolve_config(
         defaults,
         config=command.config,
         lidar=command.lidar,
         method=command.method,
         flags={particles: command.particles},
         assignments=command.set,
-        detect=lambda: PRESETS["sick"],
     )
-    untouched = configuration.lidar == defaults.lidar
-    if command.lidar is None and command.config is None and untouched:
-        print("# The lidar is left out: the log's scans choose. `jaxslam config --lidar NAME` has it.")
-        print(toml.dumps(configuration, without="lidar"), end="")
-    else:
-        print(toml.dumps(configuration), end="")
+    if config.lidar is None:
+        print("# The lidar is left out: `jaxslam run` chooses it by the scans of the log.")
+        print("# `jaxslam config --lidar NAME` prints its settings.")
+    print(toml.dumps(config), end="")

@@ -1,93 +1,116 @@
-"""`jaxslam demo`: the whole way on a simulated hall, with the truth beside it."""
+"""`jaxslam demo`: map a simulated hall, with the ground truth beside the result."""
 
-import shlex
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-import jax
-import numpy as np
-from jaxtyping import Float64, Int8
+from tyro.conf import arg
 
-from jaxslam.cli.arguments import Demo
-from jaxslam.cli.common import check_seed, map_log, network_origin, print_summary, read_network
-from jaxslam.config.lidar_presets import PRESETS
-from jaxslam.config.resolve import effective_configuration
-from jaxslam.config.slam import SlamConfig
-from jaxslam.grid.spec import GridSpec
-from jaxslam.metrics import BinaryMap, map_score
-from jaxslam.pipeline.prepare import prepare
-from jaxslam.report import make_folder, reference_error, trajectory_figures, versions, write_run
-from jaxslam.report.folder import occupancy_probability
-from jaxslam.sim import World, make_world, observable, simulate, to_log
-from jaxslam.viz.picture import MapLayer
+from jaxslam.cli.common import (
+    Assignments,
+    File,
+    Method,
+    Switch,
+    check_seed,
+    map_log,
+    origin_of,
+    print_run_summary,
+    read_network,
+)
 
-TOLERANCE = 0.1
-"""A wall counts as found within two cells, metres."""
+if TYPE_CHECKING:
+    from jaxslam.pipeline.run import RunResult
+    from jaxslam.sim import Truth
+    from jaxslam.viz import MapLayer
+
+_TOLERANCE = 0.1
+"""A wall counts as found within two cells, meters."""
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Map a simulated hall and compare the result with the ground truth; needs no data."""
+
+    out: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: runs/demo-s<seed>)")] = None
+    """Output folder. It is created if needed; existing files in it are overwritten."""
+    world: Annotated[str, arg(metavar="NAME")] = "hall_small"
+    """World: hall_small (18 × 15 m), hall_large (24 × 23 m), roadway (71 × 26 m, of a coal mine) or
+    corridor_loop (43 × 16 m)."""
+    duration: float = 200.0
+    """Length of the drive, seconds. One tour takes almost 200 in the halls, 190 in the roadway and 125 in the
+    corridor."""
+    seed: int = 0
+    """Random seed of the simulation and of the filter, 0 to 4294967295."""
+    method: Method = None
+    """Proposal, as for `jaxslam run`."""
+    particles: Annotated[int, arg(metavar="N")] = 15
+    """Number of particles; each has its own map."""
+    set: Assignments = ()
+    """Settings by name, for example sensor.sigma_hit=0.1; repeatable. They override all other sources."""
+    range_network: File = None
+    """Correct all ranges with this network, written by `jaxslam train-range`."""
+    gif: Switch = False
+    """Also write map.gif, an animation of the growing map."""
 
 
 def execute(command: Demo, arguments: list[str]) -> None:
-    """Simulates, maps, compares, and writes a run folder."""
+    """Simulate, map, compare, and write a run folder."""
+    import jax
+
+    import jaxslam
+    from jaxslam.config.resolve import resolve_config
+    from jaxslam.report import make_folder, reference_error, trajectory_figures, write_run
+
     check_seed(command.seed)
     network = read_network(command.range_network)
-    world, waypoints = make_world(command.world)
-    configuration = effective_configuration(
-        SlamConfig(),
-        config=None,
+    config = resolve_config(
+        jaxslam.SlamConfig(),
         lidar="sick",
         method=command.method,
-        flags={"num_particles": command.particles, "map.margin": "4"},
+        flags={"num_particles": command.particles, "map.margin": 4.0},
         assignments=command.set,
-        detect=lambda: PRESETS["sick"],
     )
     folder = command.out or Path("runs") / f"demo-s{command.seed}"
-    make_folder(folder)
-    # Another key than the filter's, which knows nothing of the simulator's noise.
+    # The filter does not know the noise of the simulator, so it has another key.
     key = jax.random.fold_in(jax.random.key(command.seed), 1)
-    simulation = simulate(key, world, waypoints, duration=command.duration)
-    log = to_log(simulation, command.world, in_world_frame=True)
-    prepared = prepare(log, configuration, network)
-    result = map_log(prepared, command.seed, gif=folder / "map.gif" if command.gif else None)
-    assert log.scans is not None
-    assert log.odometry is not None
-    true_poses = np.asarray(simulation.scan_poses, np.float64)
-    error = reference_error(log.scans.stamps, true_poses, result.all_stamps, result.all_poses, log.odometry)
-    truth, figures = _compare(world, result.grid, result.log_odds, true_poses)
+    log, truth = jaxslam.sim.drive(command.world, key=key, duration=command.duration)
+    make_folder(folder)
+    slam, scans = jaxslam.prepare(log, config, range_network=network)
+    result = map_log(slam, scans, command.seed, gif=folder / "map.gif" if command.gif else None)
+    assert log.odometry is not None  # every simulated robot has wheels
+    error = reference_error(truth.stamps, truth.poses, result.all_stamps, result.all_poses, log.odometry)
+    layer, figures = _compare(truth, result)
+    origin = origin_of(arguments, command.seed, range_network=command.range_network)
+    origin["log"] = {"path": f"simulation of {command.world}, {command.duration:g} s", "sha256": None}
     metrics = write_run(
         folder,
         result,
-        configuration,
-        seed=command.seed,
-        scans_in=len(log.scans.stamps),
-        origin={
-            "command": shlex.join(["jaxslam", *arguments]),
-            "log": {"path": f"simulation of {command.world}, {command.duration:g} s", "sha256": None},
-            "range_network": network_origin(command.range_network),
-            "versions": versions(),
-        },
+        origin=origin,
         accuracy={"ate": trajectory_figures(error), "map": figures},
-        truth=truth,
+        truth=layer,
     )
-    lidar = f"{configuration.lidar.name} (simulated)"
-    print_summary(folder, result, configuration, metrics, lidar, prepared)
+    steps = ["jaxslam demo --method fruit-fly --gif", "jaxslam run LOG   (a log or bag of your own)"]
+    print_run_summary(folder, result, metrics, "sick (simulated)", steps)
 
 
-def _compare(
-    world: World, grid: GridSpec, log_odds: Int8[np.ndarray, "H W"], true_poses: Float64[np.ndarray, "S 3"]
-) -> tuple[MapLayer, dict[str, float | None]]:
-    """The true map on the cells of the estimated one, and the estimate's score against it."""
-    occupied, free = observable(world, grid, true_poses[0, :2])
+def _compare(truth: "Truth", result: "RunResult") -> "tuple[MapLayer, dict[str, float | None]]":
+    """Return the true map on the cells of the estimated one, and the score of the estimate against it."""
+    import numpy as np
+
+    from jaxslam.metrics import BinaryMap, map_score
+    from jaxslam.report.folder import occupancy_probability
+    from jaxslam.sim import observable
+    from jaxslam.viz import MapLayer
+
+    grid = result.grid
+    occupied, free = observable(truth.world, grid, truth.poses[0, :2])
     resolution, origin = float(grid.resolution), np.asarray(grid.origin, np.float64)
     score = map_score(
         BinaryMap(occupied, free, resolution, origin),
-        BinaryMap.from_probability(occupancy_probability(log_odds), resolution, origin),
-        tolerance_m=TOLERANCE,
+        BinaryMap.from_probability(occupancy_probability(result.log_odds), resolution, origin),
+        tolerance_m=_TOLERANCE,
     )
-    figures = {
-        "precision": score.precision,
-        "recall": score.recall,
-        "f1": score.f1,
-        "iou": score.iou,
-        "free_iou": score.free_iou,
-        "tolerance_m": TOLERANCE,
-    }
+    names = ("precision", "recall", "f1", "iou", "free_iou")
+    figures = {name: getattr(score, name) for name in names} | {"tolerance_m": _TOLERANCE}
     levels = np.where(occupied, 1.0, np.where(free, 0.0, np.nan))
-    return MapLayer(levels, resolution, origin, true_poses), figures
+    return MapLayer(levels, resolution, origin, truth.poses), figures

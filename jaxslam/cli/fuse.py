@@ -1,31 +1,72 @@
 """`jaxslam fuse LOG`."""
 
-import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
-from jaxtyping import Float64
+from tyro.conf import arg
 
-from jaxslam.cli.arguments import Fuse
-from jaxslam.cli.common import warn, warn_if_assumed
-from jaxslam.config.fusion import FusionSettings
-from jaxslam.fusion import EKF, Fused
-from jaxslam.io import LogError, read_log, write_tum
-from jaxslam.io.gps import east_north
-from jaxslam.io.log import SensorLog
-from jaxslam.metrics import absolute_trajectory_error
-from jaxslam.pipeline.fusion import fuse_tracks
-from jaxslam.preprocess.wheels import wheel_odometry
-from jaxslam.report import file_sha256, make_folder, versions
-from jaxslam.report.folder import write_json
+from jaxslam.cli.common import (
+    LogPath,
+    Switch,
+    Topic,
+    YawAxis,
+    origin_of,
+    print_table,
+    read_log,
+    warn_if_assumed,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import Float64
+
+    from jaxslam.fusion import FusedMotion
+    from jaxslam.io import OdometryTrack, SensorLog
 
 _GPS_WITHIN = 0.3
 """A fix and a pose further apart in time than this are not compared, seconds."""
 
 
+@dataclass(frozen=True)
+class Fuse:
+    """Fuse wheel odometry and IMU of a log with a Kalman filter, and write the trajectory."""
+
+    log: LogPath
+    """The log file, or the folder of a ROS 2 bag."""
+    out: Annotated[Path, arg(metavar="DIR")] = Path("runs/fuse")
+    """Output folder. It is created if needed; existing files in it are overwritten."""
+    imu_yaw_axis: YawAxis = None
+    """IMU axis that points up."""
+    gps: Switch = False
+    """Compare with the GPS fixes of the log, after the best rotation and translation."""
+    wheel_radius: Annotated[float | None, arg(metavar="METERS", help_behavior_hint="(default: none)")] = None
+    """Wheel radius, to compute the odometry from the wheel angles (JointState) of the log; needs --track."""
+    track: Annotated[float | None, arg(metavar="METERS", help_behavior_hint="(default: none)")] = None
+    """Distance between the wheels, for --wheel-radius."""
+    odometry_poses: Switch = False
+    """Also use the poses of the odometry, not only its velocities (as Liang et al.)."""
+    imu_headings: Switch = False
+    """Also use the heading of the IMU, not only its yaw rate. A compass near iron makes it unreliable."""
+    world_frame: Switch = False
+    """Use the linear filter with velocities along the world axes (as Liang et al.)."""
+    odom_topic: Topic = None
+    """Wheel-odometry topic (ROS bags only)."""
+    imu_topic: Topic = None
+    """IMU topic (ROS bags only)."""
+
+
 def execute(command: Fuse, arguments: list[str]) -> None:
-    """Fuses odometry and IMU of a log and writes the trajectory."""
-    log = read_log(command.log, odometry_topic=command.odom_topic, imu_topic=command.imu_topic)
-    warn(log.warnings)
+    """Fuse odometry and IMU of a log and write the trajectory."""
+    from jaxslam.config.fusion import FusionSettings
+    from jaxslam.fusion import EKF
+    from jaxslam.io import LogError, write_tum
+    from jaxslam.metrics import absolute_trajectory_error
+    from jaxslam.pipeline.fusion import fuse_tracks
+    from jaxslam.report import make_folder
+    from jaxslam.report.folder import write_json
+
+    log = read_log(command.log, odom_topic=command.odom_topic, imu_topic=command.imu_topic)
     if log.imu is None:
         raise LogError(f"{log.path}: no IMU in it, so there is nothing to fuse (see `jaxslam info`)")
     odometry = log.odometry
@@ -71,20 +112,15 @@ def execute(command: Fuse, arguments: list[str]) -> None:
             metrics[key] = {"rmse_m": error.rmse_m, "max_m": error.max_m, "n": error.n}
             lines[f"GPS, {name}"] = f"{error.rmse_m:.2f} m RMSE, max {error.max_m:.2f} m ({error.n} fixes)"
     write_json(folder / "metrics.json", metrics)
-    write_json(
-        folder / "run.json",
-        {
-            "command": shlex.join(["jaxslam", *arguments]),
-            "log": {"path": str(command.log.resolve()), "sha256": file_sha256(command.log)},
-            "versions": versions(),
-        },
-    )
+    write_json(folder / "run.json", origin_of(arguments, log=command.log))
     lines["written"] = f"{folder} (trajectory.tum, sigma.png, metrics.json, run.json)"
-    for label, text in lines.items():
-        print(f"{label:<14}{text}")
+    print_table(lines, width=14)
 
 
-def _wheels(command: Fuse, log: SensorLog):
+def _wheels(command: Fuse, log: "SensorLog") -> "OdometryTrack":
+    from jaxslam.io import LogError
+    from jaxslam.preprocess.wheels import wheel_odometry
+
     if command.wheel_radius is None or command.track is None:
         raise ValueError("--wheel-radius and --track go together: give both, metres")
     if log.joints is None:
@@ -92,26 +128,34 @@ def _wheels(command: Fuse, log: SensorLog):
     return wheel_odometry(log.joints, command.wheel_radius, command.track)
 
 
-def _fixes(log: SensorLog) -> tuple[Float64[np.ndarray, "M"], Float64[np.ndarray, "M 3"]]:
-    """Stamps and places in metres east and north; the third column is no heading."""
+def _fixes(log: "SensorLog") -> "tuple[Float64[np.ndarray, 'M'], Float64[np.ndarray, 'M 3']]":
+    """Return stamps and positions in meters east and north; the third column is not a heading."""
+    import numpy as np
+
+    from jaxslam.io import LogError
+    from jaxslam.io.gps import east_north
+
     if log.fixes is None:
         raise LogError(f"{log.path}: no GPS fix in it for --gps")
     return log.fixes.stamps, np.pad(east_north(log.fixes.positions), ((0, 0), (0, 1)))
 
 
-def _rate(stamps: Float64[np.ndarray, "M"]) -> float | None:
+def _rate(stamps: "Float64[np.ndarray, 'M']") -> float | None:
     if len(stamps) < 2:
         return None
     return float((len(stamps) - 1) / (stamps[-1] - stamps[0]))
 
 
-def _axis_name(axis: Float64[np.ndarray, "3"]) -> str:
+def _axis_name(axis: "Float64[np.ndarray, '3']") -> str:
+    import numpy as np
+
     strongest = int(np.argmax(np.abs(axis)))
     return ("-" if axis[strongest] < 0 else "") + "xyz"[strongest]
 
 
-def _save_sigmas(path, fused: Fused) -> None:
-    """Three standard deviations of position and heading over time."""
+def _save_sigmas(path: Path, fused: "FusedMotion") -> None:
+    """Write a picture of three standard deviations of position and heading over time."""
+    import numpy as np
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

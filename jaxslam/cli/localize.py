@@ -1,111 +1,134 @@
 """`jaxslam localize LOG --map MAP.yaml`."""
 
-import shlex
+import math
 import sys
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
-import jax
-import numpy as np
+from tyro.conf import arg
 
-from jaxslam.cli.arguments import Localize
 from jaxslam.cli.common import (
+    Assignments,
+    File,
+    Lidar,
+    LogPath,
+    Switch,
+    Topic,
     check_seed,
-    network_origin,
+    describe_ate,
+    origin_of,
+    print_table,
+    read_log,
     read_network,
     read_reference,
     warn,
-    warn_if_unmounted,
 )
-from jaxslam.config.lidar_presets import detect_lidar
-from jaxslam.config.localization import LocalizationConfig
-from jaxslam.config.resolve import effective_configuration
-from jaxslam.io import OccupancyMap, SensorLog, read_log, read_map
-from jaxslam.localization import AMCL
-from jaxslam.localization.start import start_at
-from jaxslam.metrics import TrajectoryError
-from jaxslam.pipeline.build import build_localizer, require_memory
-from jaxslam.pipeline.inputs import prepare_inputs
-from jaxslam.pipeline.localize import Cloud, LocalizationResult, localize_log
-from jaxslam.preprocess.ranges import correct_scans
-from jaxslam.report import default_folder, file_sha256, make_folder, reference_error, versions
-from jaxslam.report.localization import animate_clouds, write_localization
+
+if TYPE_CHECKING:
+    from jaxslam.core.trajectory import Trajectory
+    from jaxslam.io import OccupancyMap, SensorLog
+    from jaxslam.metrics import TrajectoryError
+    from jaxslam.pipeline.localize import Cloud, LocalizationResult
 
 _FAR = 1e5
-"""Single precision tells apart a centimetre up to here, metres."""
+"""Up to this distance, meters, single precision resolves a centimeter."""
+
+
+@dataclass(frozen=True)
+class Localize:
+    """Find and track the robot of a log on a known map, by adaptive Monte Carlo localization."""
+
+    log: LogPath
+    """The log file, or the folder of a ROS 2 bag."""
+    map: Annotated[Path, arg(metavar="MAP.yaml")]
+    """Map in the format of map_server and nav2: a yaml file with an image beside it."""
+    start: Annotated[str | None, arg(metavar="X,Y,THETA", help_behavior_hint="(default: none)")] = None
+    """Start pose in the map frame: meters, meters, radians. Its uncertainty is set by start.deviation (0.5 m)
+    and start.rotation_deviation (0.26 rad)."""
+    global_: Annotated[Switch, arg(name="global")] = False
+    """Start pose unknown: search the whole map."""
+    seed: int = 0
+    """Random seed, 0 to 4294967295. The same seed gives the same bytes."""
+    particles: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: 100000)")] = None
+    """Largest number of particles. A global start uses all of them; later the number adapts."""
+    reference: File = None
+    """Reference trajectory in the map frame (TUM format, seconds and meters) to measure the error against."""
+    config: File = None
+    """Configuration in TOML, as `jaxslam config --localization` prints it. It may contain any subset of the
+    settings."""
+    set: Assignments = ()
+    """Settings by name, for example sensor.sigma_hit=0.1; repeatable. They override all other sources."""
+    lidar: Lidar = None
+    """Lidar preset: usable range, range limits and rotation time."""
+    range_network: File = None
+    """Correct all ranges with this network, written by `jaxslam train-range`."""
+    scan_topic: Topic = None
+    """Laser-scan topic (ROS bags only)."""
+    odom_topic: Topic = None
+    """Wheel-odometry topic (ROS bags only)."""
+    gif: Switch = False
+    """Also write cloud.gif, an animation of the particles on the map."""
+    out: Annotated[
+        Path | None, arg(metavar="DIR", help_behavior_hint="(default: runs/<log>-amcl-s<seed>)")
+    ] = None
+    """Output folder. It is created if needed; existing files in it are overwritten."""
 
 
 def execute(command: Localize, arguments: list[str]) -> None:
-    """Localises a log in a map and writes its run folder."""
+    """Localize a log on a map and write its run folder."""
+    import jax
+
+    import jaxslam
+    from jaxslam.config.resolve import resolve_config
+    from jaxslam.io import read_map
+    from jaxslam.report import default_folder, make_folder
+    from jaxslam.report.localization_folder import write_localization
+    from jaxslam.viz.localization import animate_clouds
+
     check_seed(command.seed)
     start = _start(command)
     network = read_network(command.range_network)
-    occupancy = read_map(command.map)
-    log = read_log(command.log, scan_topic=command.scan_topic, odometry_topic=command.odom_topic)
-    warn(log.warnings)
-    warn_if_unmounted(log)
+    map = read_map(command.map)
+    log = read_log(command.log, scan_topic=command.scan_topic, odom_topic=command.odom_topic)
     reference = read_reference(command.reference, log) if command.reference is not None else None
-    configuration = effective_configuration(
-        LocalizationConfig(),
+    config = resolve_config(
+        jaxslam.LocalizationConfig(),
+        log=log,
         config=command.config,
         lidar=command.lidar,
         flags={"max_particles": command.particles},
         assignments=command.set,
-        detect=lambda: detect_lidar(log),
     )
-    require_memory(configuration)
-    try:
-        amcl = build_localizer(configuration, occupancy, network)
-    except ValueError as error:
-        raise ValueError(f"{command.map}: {error}") from None
-    _warn_if_far(command.map, occupancy)
-    corrected, _ = correct_scans(log, configuration.lidar)
-    prepared = prepare_inputs(corrected, configuration.thinning)
-    key = jax.random.key(command.seed)
-    # Not one of those of the steps, which count from 0.
-    key_start = jax.random.fold_in(key, 2**32 - 1)
-    if start is None:
-        state = jax.jit(AMCL.init_global)(amcl, key_start)
-    else:
-        deviations = configuration.start.deviation, configuration.start.rotation_deviation
-        state = start_at(amcl, key_start, start, deviations)
-
+    localizer, scans = jaxslam.prepare_localization(log, map, config, range_network=network)
+    _warn_if_far(command.map, map)
     folder = command.out or default_folder(command.log, "amcl", command.seed)
     make_folder(folder)
     clouds: list[Cloud] = []
-    result = localize_log(
-        amcl,
-        key,
-        state,
-        prepared,
+    result = jaxslam.localize_log(
+        localizer,
+        scans,
+        jax.random.key(command.seed),
+        start,
         progress=sys.stderr.isatty(),
         on_chunk=clouds.append if command.gif else None,
     )
     warn(result.warnings)
-    measured = None if reference is None else _error(result, reference, log, command)
+    error = None if reference is None else _error(result, reference, log, command)
     if command.gif:
-        animate_clouds(folder / "cloud.gif", occupancy, clouds)
-    metrics = write_localization(
-        folder,
-        result,
-        configuration,
-        occupancy,
-        prepared,
-        seed=command.seed,
-        origin={
-            "command": shlex.join(["jaxslam", *arguments]),
-            "log": {"path": str(command.log.resolve()), "sha256": file_sha256(command.log)},
-            "map": {"path": str(command.map.resolve()), "sha256": file_sha256(command.map)},
-            "start": "global" if start is None else list(start),
-            "range_network": network_origin(command.range_network),
-            "versions": versions(),
-        },
-        error=measured,
+        animate_clouds(folder / "cloud.gif", result.map, clouds)
+    origin = origin_of(
+        arguments, command.seed, log=command.log, map=command.map, range_network=command.range_network
     )
+    origin["start"] = "global" if start is None else list(start)
+    metrics = write_localization(folder, result, origin=origin, error=error)
     _print_summary(folder, result, metrics)
 
 
-def _warn_if_far(path: Path, occupancy: OccupancyMap) -> None:
-    farthest = float(np.abs(occupancy.origin[:2]).max())
+def _warn_if_far(path: Path, map: "OccupancyMap") -> None:
+    import numpy as np
+
+    farthest = float(np.abs(map.origin[:2]).max())
     if farthest > _FAR:
         precision = float(np.spacing(np.float32(farthest)))
         warn(
@@ -117,28 +140,31 @@ def _warn_if_far(path: Path, occupancy: OccupancyMap) -> None:
 
 
 def _error(
-    result: LocalizationResult, reference: tuple, log: SensorLog, command: Localize
-) -> TrajectoryError | None:
-    """In the map's own frame, from the first agreement on: before it there is no estimate."""
-    assert log.odometry is not None  # `prepare_inputs` has looked
+    result: "LocalizationResult", reference: "Trajectory", log: "SensorLog", command: Localize
+) -> "TrajectoryError | None":
+    """Measure the error in the map frame from the first agreement on: before it there is no estimate."""
+    import numpy as np
+
+    from jaxslam.report import reference_error
+
+    assert log.odometry is not None  # `prepare_localization` has checked it
     if not result.agreed.any():
         warn((f"{command.reference}: no error is given: the particles never agreed",))
         return None
     since = result.all_stamps >= result.stamps[np.argmax(result.agreed)]
-    stamps, poses = reference
     try:
         return reference_error(
-            stamps, poses, result.all_stamps[since], result.all_poses[since], log.odometry, align=False
+            *reference, result.all_stamps[since], result.all_poses[since], log.odometry, align=False
         )
     except ValueError as error:
-        # The run is whole without it.
+        # The run is complete without it.
         warn((f"{command.reference}: no error is given: since the particles first agreed, {error}",))
         return None
 
 
 def _start(command: Localize) -> tuple[float, float, float] | None:
     if (command.start is None) == (not command.global_):
-        raise ValueError("give either --start X,Y,THETA (metres, metres, radians) or --global")
+        raise ValueError("give either --start X,Y,THETA (meters, meters, radians) or --global")
     if command.start is None:
         return None
     parts = command.start.split(",")
@@ -146,38 +172,37 @@ def _start(command: Localize) -> tuple[float, float, float] | None:
         pose = tuple(float(part) for part in parts)
     except ValueError:
         pose = ()
-    if len(pose) != 3 or not np.isfinite(pose).all():
-        raise ValueError(f"--start is {command.start!r}: give X,Y,THETA in metres, metres and radians")
+    if len(pose) != 3 or not all(map(math.isfinite, pose)):
+        raise ValueError(f"--start is {command.start!r}: give X,Y,THETA in meters, meters and radians")
     x, y, theta = pose
     return x, y, theta
 
 
-def _print_summary(folder: Path, result: LocalizationResult, metrics: dict) -> None:
+def _print_summary(folder: Path, result: "LocalizationResult", metrics: dict[str, Any]) -> None:
+    import numpy as np
+
     x, y, theta = result.estimates[-1]
     deviation = float(np.sqrt(np.trace(result.covariances[-1][:2, :2])))
-    live = np.asarray(result.infos.num_live)
+    counts = np.asarray(result.infos.num_particles)
     after = metrics["converged_after_s"]
     lines = {
+        "picture": str(folder / "cloud.png"),
         "scans": f"{len(result.stamps)} processed of {len(result.all_stamps)}",
         "time": (
-            f"{result.ms_per_scan:.2f} ms per scan, compilation {result.compile_s:.1f} s apart; "
+            f"{result.ms_per_scan:.2f} ms per scan, plus {result.compile_s:.1f} s to compile; "
             f"{metrics['beam_evaluations_per_s']:.2g} beams per second"
         ),
-        "particles": f"{live[0]} at first, {int(np.median(live))} in the median, {live[-1]} at the end",
+        "particles": f"{counts[0]} at first, median {int(np.median(counts))}, {counts[-1]} at the end",
         "converged": (
             ("yes" if result.converged else "no")
             + ("" if after is None else f", first after {after:.1f} s")
-            + f"; settled elsewhere {result.kidnapped_events} times"
+            + f"; {result.kidnapped_events} jumps to another place"
         ),
         "end": f"x {x:.2f} m, y {y:.2f} m, {np.rad2deg(theta):.1f}°, ± {deviation:.2f} m",
     }
     if np.isfinite(metrics["match_score"]):
         lines["match"] = f"{100 * metrics['match_score']:.1f} % of the beams end on the map"
     if ate := metrics.get("ate"):
-        lines["error"] = (
-            f"{ate['rmse_m']:.4f} m RMSE, max {ate['max_m']:.3f} m, heading {ate['rot_rmse_deg']:.2f}° "
-            f"({ate['n']} poses)"
-        )
+        lines["error"] = describe_ate(ate)
     lines["written"] = f"{folder} (cloud.png, trajectory.tum, metrics.json, …)"
-    for label, text in lines.items():
-        print(f"{label:<10}{text}")
+    print_table(lines)

@@ -1,39 +1,42 @@
-"""The entry point: parse, dispatch, and one clear line for everything that went wrong."""
+"""The entry point: parse, run a command, and report every error as one clear line."""
 
-import importlib
+import contextlib
 import importlib.metadata
+import io
 import os
-import re
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 
 _EXTRAS = {
-    "cli": ("tyro", "matplotlib", "PIL", "rosbags", "ruamel", "tqdm"),
+    "cli": ("tyro", "matplotlib", "PIL", "rosbags", "ruamel", "tqdm", "tomlkit", "docstring_parser", "pooch"),
     "train": ("lineax", "optax", "optimistix"),
     "vision": ("skimage",),
     "study": ("optuna", "sqlalchemy", "cmaes", "sklearn"),
     "cluster": ("dask", "distributed"),
 }
-"""What the commands need beyond the library itself, by the names under which it is imported."""
+"""Modules that the commands need beyond those of the core, by the extra that installs them."""
 
 _BAD_INPUT = 2
 _INTERRUPTED = 130
-_UNREAD = 141
+_OUTPUT_CLOSED = 141
+
+
+class UsageError(ValueError):
+    """A command line that is wrong; the message is one line."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the `jaxslam` command.
+    """Run the `jaxslam` command.
 
     Args:
-        arguments: without the program's name; None takes those of the process.
+        arguments: without the name of the program; None takes those of the process.
 
     Returns:
-        The exit code: 0, 2 for a wrong command line or data that cannot be used, 130 if interrupted, 141 if
-        nobody reads the output any more.
+        The exit code: 0; 2 for a wrong command line or unusable data; 130 if interrupted; 141 if the reader
+        of the output has closed it.
     """
     arguments = sys.argv[1:] if arguments is None else list(arguments)
-    # Pipes and old consoles may not have the units' characters: better a mark than no output.
+    # Pipes and old consoles may lack the characters of the units: a replacement is better than no output.
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
@@ -43,53 +46,127 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("\njaxslam: interrupted", file=sys.stderr)
         return _INTERRUPTED
     except BrokenPipeError:
-        return unread()
+        return _output_closed()
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
         extra = next((name for name, modules in _EXTRAS.items() if missing in modules), None)
         if extra is None:
             raise
-        return _complain(f"{missing} is not installed: pip install 'jaxslam[{extra}]'")
+        return _report(f"{missing} is not installed: pip install 'jaxslam[{extra}]'")
     except OSError as error:
         where = f"{error.filename}: " if error.filename is not None else ""
-        return _complain(f"{where}{error.strerror or error}")
+        return _report(f"{where}{error.strerror or error}")
     except ValueError as error:
-        return _complain(str(error))
+        return _report(str(error))
     except OverflowError as error:
-        return _complain(f"a setting, or a number in a file, is too large or too small: {error}")
+        return _report(f"a setting, or a number in a file, is too large or too small: {error}")
     except RecursionError:
-        return _complain("a file is nested too deeply to be read")
+        return _report("a file is nested too deeply to be read")
 
 
 def _dispatch(arguments: Sequence[str]) -> int:
     if list(arguments) in (["--version"], ["-V"]):
         print(f"jaxslam {importlib.metadata.version('jaxslam')}")
         return 0
-    from jaxslam.cli.parser import parse
-
     try:
         command = parse(arguments or ["--help"])
-    except SystemExit:  # help was asked for and printed
+    except SystemExit:  # the help was asked for and printed
         return 0
-    # Each command is a module of its own: `--help` and `info` do not wait for JAX.
-    name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", type(command).__name__).lower()
-    module = importlib.import_module(f"jaxslam.cli.{name}")
-    module.execute(command, list(arguments))
+    sys.modules[type(command).__module__].execute(command, list(arguments))
     return 0
 
 
-def unread() -> int:
-    """For a command whose output is cut off, as by `head`: that is no error to complain of.
+def parse(arguments: Sequence[str]) -> object:
+    """Return the command that the arguments ask for, an instance of a class beside its `execute`.
+
+    Raises:
+        UsageError: the arguments are wrong.
+        SystemExit: the help was asked for and printed.
+    """
+    # Importing a command imports neither JAX nor matplotlib, so that the help appears at once.
+    import tyro
+
+    from jaxslam.cli.config import Config
+    from jaxslam.cli.demo import Demo
+    from jaxslam.cli.fuse import Fuse
+    from jaxslam.cli.info import Info
+    from jaxslam.cli.localize import Localize
+    from jaxslam.cli.run import Run
+    from jaxslam.cli.study import Study
+    from jaxslam.cli.study_report import StudyReport
+    from jaxslam.cli.train_range import TrainRange
+
+    commands = {
+        "run": Run,
+        "demo": Demo,
+        "localize": Localize,
+        "info": Info,
+        "config": Config,
+        "fuse": Fuse,
+        "train-range": TrainRange,
+        "study": Study,
+        "study-report": StudyReport,
+    }
+    message = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(message):
+            return tyro.extras.subcommand_cli_from_dict(
+                commands,
+                prog="jaxslam",
+                description="Grid-based particle-filter SLAM for 2D lidar: from a log to a map.",
+                args=_one_value_per_set(_one_word(arguments)),
+            )
+    except SystemExit as stop:
+        if not stop.code:
+            raise
+        raise UsageError(_one_line(message.getvalue())) from None
+
+
+def _one_word(arguments: Sequence[str]) -> list[str]:
+    """Write `study report` as the command `study-report`, so that both spellings work."""
+    return ["study-report", *arguments[2:]] if list(arguments[:2]) == ["study", "report"] else list(arguments)
+
+
+def _one_value_per_set(arguments: Sequence[str]) -> list[str]:
+    """Write `--set a=1 b=2` as `--set a=1 --set b=2`, so that both spellings work."""
+    expanded: list[str] = []
+    after_set = False
+    for argument in arguments:
+        if after_set and "=" in argument and not argument.startswith("-"):
+            if expanded[-1] != "--set":
+                expanded.append("--set")
+        else:
+            after_set = argument == "--set"
+        expanded.append(argument)
+    return expanded
+
+
+def _one_line(box: str) -> str:
+    """Return the first sentences of a framed, wrapped message, up to its first rule, and point to the help."""
+    sentences: list[str] = []
+    for line in box.splitlines():
+        text = line.strip(" │╭╮╰╯─")
+        is_frame = line.startswith(("╭", "╰"))
+        if not text or line.strip(" │").startswith("──") or text.startswith("For full helptext"):
+            if sentences:
+                break
+        elif not is_frame:
+            sentences.append(text)
+    return f"{' '.join(sentences) or 'the command line cannot be understood'} (see --help)"
+
+
+def _output_closed() -> int:
+    """Handle a reader that stops early, as `head` does: this is not an error.
 
     Returns:
-        The exit code of one that the system ends for it.
+        The exit code of a process that the system ends for it.
     """
-    # What is still in the buffer would be tried once more at the end, and complained of.
-    with suppress(OSError, ValueError):
+    # At exit, Python would flush the rest of the buffer and report the same error.
+    with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return _UNREAD
+    return _OUTPUT_CLOSED
 
 
-def _complain(message: str) -> int:
+def _report(message: str) -> int:
     print(f"jaxslam: error: {' '.join(message.split())}", file=sys.stderr)
     return _BAD_INPUT

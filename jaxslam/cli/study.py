@@ -2,34 +2,53 @@
 
 import dataclasses
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-import jax
+from tyro.conf import Positional, arg
 
-from jaxslam.cli.arguments import Study
-from jaxslam.report import make_folder
-from jaxslam.study import (
-    OBJECTIVES,
-    Plan,
-    Store,
-    Told,
-    held_out_table,
-    keep_programs,
-    open_study,
-    read_plan,
-    run_trials,
-    storage_url,
-    with_few_programs,
-    with_lidars,
-    write_report,
-)
-from jaxslam.study.report import SHOWN, cell, counts, importance_table, trial_table
-from jaxslam.study.storage import complaints, connect, shown
-from jaxslam.xla.sharding import cores
+if TYPE_CHECKING:
+    from jaxslam.study import Plan, Store, Told
+
+
+@dataclass(frozen=True)
+class Study:
+    """Tune settings over many runs, as a file describes; `study report STORAGE` prints the results."""
+
+    plan: Annotated[Path, Positional, arg(metavar="CONFIG.toml")]
+    """What is tuned on which logs; the guide `study` and notebooks/06_study.ipynb show one."""
+    trials: Annotated[
+        int | None, arg(metavar="N", help_behavior_hint="(default: from the file, otherwise 50)")
+    ] = None
+    """Total number of trials, including those already in the storage."""
+    storage: Annotated[str | None, arg(metavar="URL", help_behavior_hint="(default: runs/<name>.db)")] = None
+    """A SQLite file, or the URL of a database. An interrupted study resumes from it."""
+    cluster: Annotated[str | None, arg(metavar="ADDRESS", help_behavior_hint="(default: this process)")] = (
+        None
+    )
+    """Run the trials on a Dask cluster: address of its scheduler (tcp://host:8786), or local:N for N local
+    processes."""
+    out: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: runs/<name>-study)")] = None
+    """Folder for the report. It is created if needed; existing files in it are overwritten."""
 
 
 def execute(command: Study, arguments: list[str]) -> None:
-    """Runs the trials that are left, and reports."""
+    """Run the remaining trials and report."""
+    from jaxslam.report import make_folder
+    from jaxslam.study import (
+        keep_programs,
+        open_study,
+        read_plan,
+        run_trials,
+        storage_url,
+        with_few_programs,
+        with_lidars,
+        write_report,
+    )
+    from jaxslam.study.report import SHOWN, counts, importance_table, trial_table
+    from jaxslam.study.storage import complaints, connect, shown
+
     plan = read_plan(command.plan)
     if command.trials is not None:
         if command.trials < 1:
@@ -68,8 +87,12 @@ def execute(command: Study, arguments: list[str]) -> None:
     print(f"written   {folder} (report.md, held-out.md, best.toml, history.png, parallel.png, …)")
 
 
-def _spread_runs(plan: Plan) -> None:
+def _spread_runs(plan: "Plan") -> None:
     """Over the cores: those of a trial, or of a batch; a worker of a cluster has its own."""
+    import jax
+
+    from jaxslam.xla.sharding import cores
+
     # More devices than runs would repeat some. Where time is told, configurations run one by one.
     runs = len(plan.seeds) * (1 if "time" in plan.objectives else plan.batch)
     devices = min(len(cores()), runs)
@@ -85,7 +108,9 @@ def _make_folder_of(storage: Path) -> None:
         raise ValueError(f"--storage {storage}: its folder cannot be made: {error.strerror}") from None
 
 
-def _describe(plan: Plan, storage: str, before: int) -> None:
+def _describe(plan: "Plan", storage: str, before: int) -> None:
+    from jaxslam.study import OBJECTIVES
+
     print(f"study     {plan.name}: {plan.trials} trials by {plan.sampler}, {before} of them in {storage}")
     print(f"logs      {', '.join(source.name for source in plan.sources)}; seeds {_listed(plan.seeds)}")
     print(f"smaller   {', '.join(OBJECTIVES[name].label for name in plan.objectives)}")
@@ -93,14 +118,18 @@ def _describe(plan: Plan, storage: str, before: int) -> None:
         print(f"space     {parameter}")
 
 
-def _say(store: Store, told: Told) -> None:
+def _say(store: "Store", told: "Told") -> None:
+    from jaxslam.study.report import cell
+
     settings = " ".join(f"{name}={cell(value)}" for name, value in told.settings.items())
     outcome = f"failed: {told.values}" if isinstance(told.values, str) else _numbers(told.values)
     print(f"trial {told.number:<4}{outcome}   {settings}   ({told.seconds:.1f} s)", flush=True)
 
 
-def _held_out(plan: Plan, settings: dict) -> str:
+def _held_out(plan: "Plan", settings: dict) -> str:
     """The best settings beside those of the base, where they were tuned and where they were not."""
+    from jaxslam.study import OBJECTIVES, held_out_table
+
     labels = [OBJECTIVES[name].label for name in plan.objectives]
     header = ["", *(f"{label}: {which}" for label in labels for which in ("before", "tuned"))]
     lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]

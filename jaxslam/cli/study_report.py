@@ -1,16 +1,31 @@
 """`jaxslam study report STORAGE`."""
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
-from jaxslam.cli.arguments import StudyReport
-from jaxslam.report import make_folder
-from jaxslam.study import load_study, storage_url, write_report
-from jaxslam.study.report import counts, importance_table, trial_table
-from jaxslam.study.storage import complaints
+from tyro.conf import Positional, arg
+
+
+@dataclass(frozen=True)
+class StudyReport:
+    """Write tables, pictures and the best configuration of a study, finished or not."""
+
+    storage: Annotated[str, Positional, arg(metavar="STORAGE")]
+    """The SQLite file, or the URL of a database, that holds the study."""
+    name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: the only one)")] = None
+    """Name of the study, if the storage holds several."""
+    out: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: runs/<name>-study)")] = None
+    """Folder for the report. It is created if needed; existing files in it are overwritten."""
 
 
 def execute(command: StudyReport, arguments: list[str]) -> None:
-    """Writes the report of a study and prints its tables."""
+    """Write the report of a study and print its tables."""
+    from jaxslam.report import make_folder
+    from jaxslam.study import load_study, storage_url, write_report
+    from jaxslam.study.report import counts, importance_table, trial_table
+    from jaxslam.study.storage import complaints
+
     url = storage_url(command.storage)
     with complaints(url):
         store, plan = load_study(url, command.name)

@@ -1,21 +1,56 @@
 """`jaxslam train-range DATA…`."""
 
-import shlex
 import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
 
-import jax
+from tyro.conf import Positional, arg
 
-from jaxslam.cli.arguments import TrainRange
-from jaxslam.cli.common import check_seed, warn
-from jaxslam.range_network import save_network
-from jaxslam.range_network.learning import Attempt, Split, check_sizes, learn
-from jaxslam.range_network.readings import Readings, read_readings
-from jaxslam.report import file_sha256, make_folder, versions
-from jaxslam.report.range_network import PAPERS_MSE, error_table, role_errors, write_training
+from jaxslam.cli.common import check_seed, origin_of, warn
+
+if TYPE_CHECKING:
+    from jaxslam.range_network.learning import Attempt
+
+
+@dataclass(frozen=True)
+class TrainRange:
+    """Train a network that corrects a lidar's ranges, on readings of a wall at known distances."""
+
+    data: Annotated[tuple[str, ...], Positional, arg(metavar="DATA")]
+    """Readings: tables (FILE.csv with the columns true_m and measured_m), or logs of a robot that faces a
+    wall, each with the distance from lidar to wall in meters (wall.mcap:1.5); repeatable."""
+    out: Annotated[Path, arg(metavar="FILE")] = Path("network.eqx")
+    """Output file of the network. The error table and the figures go to a folder beside it,
+    <name>-training."""
+    neurons: Annotated[tuple[int, ...], arg(metavar="N [N …]")] = (50,)
+    """Neurons of the hidden layer. Of several sizes, the one with the lowest validation error is kept."""
+    restarts: Annotated[int, arg(metavar="N")] = 5
+    """Trainings per size, each from another initialization; the one with the lowest validation error is
+    kept."""
+    held_out: Annotated[
+        tuple[float, ...],
+        arg(metavar="METERS [METERS …]", help_behavior_hint="(default: every fifth of 10 or more)"),
+    ] = ()
+    """Distances excluded from training, to measure the error at."""
+    method: Literal["levenberg-marquardt", "adam"] = "levenberg-marquardt"
+    """Optimizer. Adam is slower and serves for comparison."""
+    bearing: Annotated[float, arg(metavar="RAD")] = 0.0
+    """Bearing of the beam that faces the wall, in the lidar frame, radians (logs only)."""
+    seed: int = 0
+    """Random seed of the initializations, 0 to 4294967295."""
 
 
 def execute(command: TrainRange, arguments: list[str]) -> None:
-    """Trains a network on readings of a wall, and writes it and how well it does."""
+    """Train a network on readings of a wall, and write it with its errors."""
+    import jax
+
+    from jaxslam.range_network import save_network
+    from jaxslam.range_network.learning import Split, check_sizes, learn
+    from jaxslam.range_network.readings import Readings, read_readings
+    from jaxslam.report import make_folder
+    from jaxslam.report.training_folder import PAPERS_MSE, error_table, role_errors, write_training
+
     check_seed(command.seed)
     check_sizes(command.neurons, command.restarts)
     if not command.data:
@@ -28,7 +63,7 @@ def execute(command: TrainRange, arguments: list[str]) -> None:
             f"all readings are at one distance ({readings.distances[0]:g} m): what a lidar is off by from "
             "one distance to another takes two or more"
         )
-    split = Split.of(readings, command.held_out or None)
+    split = Split.from_readings(readings, command.held_out or None)
     if not split.validation.any():
         warn(["too few distances to validate at some of them: only the mean reading of each is learnt"])
     # Before the training: a name that cannot be written should not cost it.
@@ -38,7 +73,7 @@ def execute(command: TrainRange, arguments: list[str]) -> None:
     make_folder(folder)
     print(f"readings  {len(readings.true)} at {len(readings.distances)} distances")
 
-    def say(attempt: Attempt) -> None:
+    def say(attempt: "Attempt") -> None:
         print(
             f"neurons   {attempt.num_neurons}: RMSE {1e3 * attempt.rmse[0]:.2f} mm in training, "
             f"{1e3 * attempt.rmse[1]:.2f} mm in validation after {attempt.steps} steps, best of "
@@ -58,14 +93,8 @@ def execute(command: TrainRange, arguments: list[str]) -> None:
     )
     seconds = time.perf_counter() - begun
     save_network(command.out, learnt.network)
-    origin = {
-        "command": shlex.join(["jaxslam", *arguments]),
-        "seed": command.seed,
-        "method": command.method,
-        "seconds": seconds,
-        "network": {"path": str(command.out.resolve()), "sha256": file_sha256(command.out)},
-        "versions": versions(),
-    }
+    origin = origin_of(arguments, command.seed, network=command.out)
+    origin |= {"method": command.method, "seconds": seconds}
     rows = write_training(folder, learnt, readings, origin)
     print(f"chosen    {learnt.network.num_neurons} neurons, in {seconds:.1f} s with compilation\n")
     print(error_table(rows))

@@ -3,7 +3,7 @@
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from jaxslam.config.lidar_presets import LidarPreset
+from jaxslam.config.lidar_presets import LidarPreset, lidar_preset
 from jaxslam.core.validation import require_number
 
 Number = float | Float[Array, ""]
@@ -41,6 +41,11 @@ class LidarSettings(eqx.Module):
             raise ValueError(f"lidar.min_range is {low} m and lidar.max_range {high} m: exchange them")
 
     @classmethod
-    def of(cls, preset: LidarPreset) -> "LidarSettings":
-        """The settings of a preset."""
+    def from_preset(cls, preset: LidarPreset | str) -> "LidarSettings":
+        """Return the settings of a preset, given itself or by name.
+
+        Raises:
+            ValueError: there is no preset of that name; the message names the nearest.
+        """
+        preset = lidar_preset(preset) if isinstance(preset, str) else preset
         return cls(preset.name, preset.usable_range, preset.min_range, preset.max_range, preset.turn_time)

@@ -28,6 +28,7 @@ class LidarPreset:
         rate: scans per second.
         turn_time: of a whole turn, over which the beams of a scan are taken one by one, seconds.
         planar: whether it gives planar scans by itself; what is cut from a cloud cannot be told by its looks.
+        max_lag: largest lag between scans and odometry that is looked for, seconds.
     """
 
     name: str
@@ -40,6 +41,7 @@ class LidarPreset:
     rate: float
     turn_time: float
     planar: bool = True
+    max_lag: float = 0.5
 
 
 # Ranges, beams and rates: the makers' data sheets. The SICK reaches 80 m, but at 16 m its beams are 28 cm

@@ -7,18 +7,19 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from jaxslam.config.lidar import LidarSettings
-from jaxslam.config.lidar_presets import PRESETS, LidarPreset
+from jaxslam.config.lidar_presets import LidarPreset
 from jaxslam.config.thinning import Thinning
 from jaxslam.core.validation import require_at_least_zero
 from jaxslam.localization import (
     Agreement,
     Clustering,
-    FieldModel,
     KLDSampling,
     Recovery,
 )
-from jaxslam.localization.scan_model import AbstractScanModel
+from jaxslam.localization.skipping import BeamSkipping
 from jaxslam.motion import AbstractMotionModel, OdometryMotion
+from jaxslam.sensor.base import AbstractSensorModel
+from jaxslam.sensor.likelihood_field import LikelihoodField
 
 Number = float | Float[Array, ""]
 
@@ -69,12 +70,13 @@ class LocalizationConfig(eqx.Module):
             1 resamples in every step.
         min_valid_beams: a scan with fewer among those that are looked at moves the particles by odometry
             alone.
-        lidar: ranges of the sensor.
+        lidar: ranges of the sensor; None: it is chosen by the scans of the log.
         thinning: which scans are processed (static: it decides how many steps there are).
         start: how well a start that is given is known.
         bins: to count where particles are.
         motion: p(x_t | x_{t−1}, u_t).
-        scan_model: p(z_t | x_t, m).
+        sensor: p(z_t | x_t, m).
+        skipping: of beams that hardly any particle explains.
         sampling: how many particles are needed.
         recovery: how many of them come from the whole map.
         clustering: where the estimate is.
@@ -85,12 +87,15 @@ class LocalizationConfig(eqx.Module):
     max_distance: Number = 2.0
     resample_below: Number = 0.5
     min_valid_beams: Number = 5.0
-    lidar: LidarSettings = LidarSettings.of(PRESETS["sick"])
+    lidar: LidarSettings | None = None
     thinning: Thinning = eqx.field(static=True, default=Thinning())
     start: StartSettings = StartSettings()
     bins: BinSettings = BinSettings()
     motion: AbstractMotionModel = OdometryMotion()
-    scan_model: AbstractScanModel = FieldModel()
+    sensor: AbstractSensorModel = LikelihoodField(
+        sigma_hit=0.2, unseen_beams=0.0, independent_beams=5.0, max_beams=60
+    )
+    skipping: BeamSkipping = BeamSkipping()
     sampling: KLDSampling = KLDSampling()
     recovery: Recovery = Recovery()
     clustering: Clustering = Clustering()
@@ -99,11 +104,8 @@ class LocalizationConfig(eqx.Module):
     def __check_init__(self):
         if self.max_particles < 1:
             raise ValueError(f"max_particles is {self.max_particles}: give 1 or more")
-        for name, value in dataclasses.asdict(self.thinning).items():
-            if not value >= 0:
-                raise ValueError(f"thinning.{name} is {value}: give 0 or more")
         require_at_least_zero(self, positive=("max_distance",))
 
-    def with_lidar(self, preset: LidarPreset) -> "LocalizationConfig":
-        """The same with the ranges of a lidar."""
-        return dataclasses.replace(self, lidar=LidarSettings.of(preset))
+    def with_lidar(self, preset: LidarPreset | str) -> "LocalizationConfig":
+        """Return the configuration with the ranges of a lidar, given by preset or name of a preset."""
+        return dataclasses.replace(self, lidar=LidarSettings.from_preset(preset))

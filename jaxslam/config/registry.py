@@ -2,7 +2,6 @@
 
 import equinox as eqx
 
-from jaxslam.localization.scan_model import AbstractScanModel, BeamModel, FieldModel
 from jaxslam.motion import (
     AbstractMotionModel,
     GaussianMotion,
@@ -26,6 +25,7 @@ from jaxslam.sensor.base import AbstractSensorModel
 from jaxslam.sensor.beam import Beam
 from jaxslam.sensor.endpoint import Endpoint
 from jaxslam.sensor.likelihood_field import LikelihoodField
+from jaxslam.sensor.nav2_field import Nav2Field
 
 VARIANTS: dict[type[eqx.Module], dict[str, type[eqx.Module]]] = {
     AbstractMotionModel: {
@@ -38,10 +38,7 @@ VARIANTS: dict[type[eqx.Module], dict[str, type[eqx.Module]]] = {
         "likelihood_field": LikelihoodField,
         "beam": Beam,
         "endpoint": Endpoint,
-    },
-    AbstractScanModel: {
-        "field": FieldModel,
-        "beam": BeamModel,
+        "nav2_field": Nav2Field,
     },
     AbstractProposal: {
         "motion": MotionProposal,

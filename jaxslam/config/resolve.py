@@ -1,61 +1,69 @@
-"""From defaults, presets, a file and flags to one configuration."""
+"""One configuration from defaults, a lidar preset, a file, flags and assignments."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
 from jaxslam.config import toml
-from jaxslam.config.dotted import parse_assignment, parse_scalar, update
-from jaxslam.config.lidar_presets import LidarPreset, lidar_preset
+from jaxslam.config.dotted import parse_assignment, update
+from jaxslam.config.lidar import LidarSettings
+from jaxslam.config.lidar_presets import PRESETS, detect_lidar, lidar_preset
 from jaxslam.config.localization import LocalizationConfig
 from jaxslam.config.slam import SlamConfig
+from jaxslam.io.log import SensorLog
 
-Whole = TypeVar("Whole", SlamConfig, LocalizationConfig)
+AnyConfig = TypeVar("AnyConfig", SlamConfig, LocalizationConfig)
+
+_FALLBACK = PRESETS["sick"]
+"""Preset that lidar settings start from where neither a name nor a log chooses one."""
 
 
-def effective_configuration(
-    defaults: Whole,
+def resolve_config(
+    defaults: AnyConfig,
     *,
-    config: Path | None,
-    lidar: str | None,
-    flags: Mapping[str, str | None],
-    assignments: Sequence[str],
-    detect: Callable[[], LidarPreset],
+    log: SensorLog | None = None,
+    config: Path | None = None,
+    lidar: str | None = None,
     method: str | None = None,
-) -> Whole:
-    """The configuration that a command line asks for; what comes later wins.
+    flags: Mapping[str, object] | None = None,
+    assignments: Sequence[str] = (),
+) -> AnyConfig:
+    """Return the configuration that a command line asks for; a later source overrides an earlier one.
 
-    Defaults, the lidar that `detect` finds (unless `lidar` or the file names one), the file, `lidar`,
-    `method`, the flags, the assignments.
+    The sources: the defaults, the lidar detected in the log (unless `lidar` or the file names one), the
+    file, `lidar`, `method`, the flags, the assignments.
 
     Args:
-        defaults: of a filter or of a localisation.
+        defaults: of mapping or of localization.
+        log: its scans choose the lidar. None: the lidar stays None unless another source sets it.
         config: TOML file, or None.
         lidar: name of a preset, or None.
-        flags: setting by flag, as text; None where the flag was not given.
+        method: of `METHODS`, or None; a localization has none.
+        flags: values by dotted name; None where a flag was not given.
         assignments: `name=value` each.
-        detect: looks at the log; called only if its answer is used.
-        method: of `METHODS`, or None; a localisation has none.
 
     Raises:
         ValueError: an unknown name or a wrong value, one line.
         OSError: the file cannot be read.
     """
     preset = lidar_preset(lidar) if lidar is not None else None
-    configuration = defaults
     values = toml.read_settings(config) if config is not None else {}
-    if preset is None and not any(name.startswith("lidar.") for name in values):
-        configuration = configuration.with_lidar(detect())
+    is_named = preset is not None or any(name.startswith("lidar.") for name in values)
+    resolved = defaults.with_lidar(_FALLBACK if is_named or log is None else detect_lidar(log))
     if config is not None:
-        configuration = toml.apply(config, values, configuration)
+        resolved = toml.apply(config, values, resolved)
     if preset is not None:
-        configuration = configuration.with_lidar(preset)
-    if method is not None and isinstance(configuration, SlamConfig):
-        configuration = configuration.with_method(method)
-    given = {name: parse_scalar(text) for name, text in flags.items() if text is not None}
-    configuration = update(configuration, given, exact=True)
+        resolved = resolved.with_lidar(preset)
+    if method is not None and isinstance(resolved, SlamConfig):
+        resolved = resolved.with_method(method)
+    given = {name: value for name, value in (flags or {}).items() if value is not None}
+    resolved = update(resolved, given, exact=True)
     pairs = [parse_assignment(text) for text in assignments]
     names = [name for name, _ in pairs]
     if twice := next((name for name in names if names.count(name) > 1), None):
         raise ValueError(f"--set {twice} is given {names.count(twice)} times: give it once")
-    return update(configuration, dict(pairs))
+    resolved = update(resolved, dict(pairs))
+    if log is None and not is_named and resolved.lidar == LidarSettings.from_preset(_FALLBACK):
+        return replace(resolved, lidar=None)
+    return resolved

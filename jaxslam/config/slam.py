@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from jaxslam.config.dotted import update
 from jaxslam.config.fusion import FusionSettings
 from jaxslam.config.lidar import LidarSettings
-from jaxslam.config.lidar_presets import PRESETS, LidarPreset
+from jaxslam.config.lidar_presets import LidarPreset
 from jaxslam.config.registry import kind
 from jaxslam.config.thinning import Thinning
 from jaxslam.core.validation import require_number
@@ -67,7 +67,7 @@ class SlamConfig(eqx.Module):
 
     Attributes:
         num_particles: N, particles, each with a map of its own (static).
-        lidar: ranges of the sensor.
+        lidar: ranges of the sensor; None: `prepare` chooses the preset by the scans of the log.
         thinning: which scans are processed (static: it decides how many steps there are).
         map: cells and extent of the maps.
         fusion: whether and how odometry is fused with an IMU first.
@@ -79,7 +79,7 @@ class SlamConfig(eqx.Module):
     """
 
     num_particles: int = eqx.field(static=True, default=30)
-    lidar: LidarSettings = LidarSettings.of(PRESETS["sick"])
+    lidar: LidarSettings | None = None
     thinning: Thinning = eqx.field(static=True, default=Thinning())
     map: MapSettings = MapSettings()
     fusion: FusionSettings = FusionSettings()
@@ -92,9 +92,6 @@ class SlamConfig(eqx.Module):
     def __check_init__(self):
         if self.num_particles < 1:
             raise ValueError(f"num_particles is {self.num_particles}: give 1 or more")
-        for name, value in dataclasses.asdict(self.thinning).items():
-            if not value >= 0:
-                raise ValueError(f"thinning.{name} is {value}: give 0 or more")
 
     @property
     def method(self) -> str:
@@ -103,9 +100,9 @@ class SlamConfig(eqx.Module):
         names = {settings["proposal.kind"]: method for method, settings in METHODS.items()}
         return names.get(proposal, proposal)
 
-    def with_lidar(self, preset: LidarPreset) -> "SlamConfig":
-        """The same with the ranges of a lidar."""
-        return dataclasses.replace(self, lidar=LidarSettings.of(preset))
+    def with_lidar(self, preset: LidarPreset | str) -> "SlamConfig":
+        """Return the configuration with the ranges of a lidar, given by preset or name of a preset."""
+        return dataclasses.replace(self, lidar=LidarSettings.from_preset(preset))
 
     def with_method(self, method: str) -> "SlamConfig":
         """The same with what a method of `METHODS` sets; a proposal of that kind is kept.

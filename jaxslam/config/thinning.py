@@ -14,3 +14,8 @@ class Thinning:
 
     min_translation: float = 0.2
     min_rotation: float = 0.2
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not value >= 0:
+                raise ValueError(f"thinning.{name} is {value}: give 0 or more")

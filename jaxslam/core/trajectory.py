@@ -4,10 +4,25 @@ float32 would lose centimetres on a map in UTM coordinates. Poses are `[..., 3]`
 angles that are returned lie in [−π, π).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Float64, Int
 
 from jaxslam.core import se2
+
+
+class Trajectory(NamedTuple):
+    """A stamped trajectory.
+
+    Attributes:
+        stamps: `[M]` seconds.
+        poses: `[M, 3]` (m, m, rad).
+    """
+
+    stamps: Float64[np.ndarray, "M"]
+    poses: Float64[np.ndarray, "M 3"]
+
 
 # Logs and relation files print stamps with few decimals, so equal times differ by rounding, seconds.
 STAMP_TOLERANCE = 1e-6
@@ -44,7 +59,7 @@ def interpolate_poses(
     return np.stack([x, y, se2.wrap(theta)], axis=-1)
 
 
-def carry_on(
+def dead_reckon(
     times: Float64[np.ndarray, "Q"],
     stamps: Float64[np.ndarray, "S"],
     poses: Float64[np.ndarray, "S 3"],
@@ -90,7 +105,7 @@ def yaw_from_quaternion(
     return np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
-def poses_along(
+def interpolate_along_odometry(
     odometry: Float64[np.ndarray, "S 3"], rows: Int[np.ndarray, "T"], poses: Float64[np.ndarray, "T 3"]
 ) -> Float64[np.ndarray, "S 3"]:
     """A pose for every odometry pose from those known at some of them.

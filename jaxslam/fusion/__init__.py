@@ -1,8 +1,8 @@
 """Wheel odometry and IMU fused before the filter, by a Kalman filter."""
 
-from jaxslam.fusion.ekf import EKF, Belief, Measurement, Updated
-from jaxslam.fusion.fuse import Fused, filter_events, fuse
-from jaxslam.fusion.imu import AXES, YawTrack, tells_turning, yaw_track
+from jaxslam.fusion.ekf import EKF, Belief, EKFUpdate, Measurement
+from jaxslam.fusion.fuse import FusedMotion, filter_events, fuse
+from jaxslam.fusion.imu import AXES, YawTrack, turning_is_known, yaw_track
 from jaxslam.fusion.stream import Events, ImuNoise, OdometerNoise, Stream, merge
 
 __all__ = [
@@ -10,16 +10,16 @@ __all__ = [
     "EKF",
     "Belief",
     "Events",
-    "Fused",
+    "FusedMotion",
     "ImuNoise",
     "Measurement",
     "OdometerNoise",
     "Stream",
-    "Updated",
+    "EKFUpdate",
     "YawTrack",
     "filter_events",
     "fuse",
     "merge",
-    "tells_turning",
+    "turning_is_known",
     "yaw_track",
 ]

@@ -41,7 +41,7 @@ class Measurement(eqx.Module):
     seen: Bool[Array, "*M 6"]
 
 
-class Updated(eqx.Module):
+class EKFUpdate(eqx.Module):
     """A belief after a reading.
 
     Attributes:
@@ -87,7 +87,7 @@ class EKF(eqx.Module):
         covariance = transition @ belief.covariance @ transition.T + noise
         return Belief(_wrapped(mean), _symmetric(covariance))
 
-    def update(self, belief: Belief, measurement: Measurement) -> Updated:
+    def update(self, belief: Belief, measurement: Measurement) -> EKFUpdate:
         """The belief after a reading, with the covariance in Joseph's form."""
         size = belief.mean.shape[0]
         seen = measurement.seen
@@ -108,7 +108,7 @@ class EKF(eqx.Module):
         accepted: Bool[Array, ""] = finite & ((distance <= limit) if self.gate else True)
         mean = jnp.where(accepted, belief.mean + gain @ innovation, belief.mean)
         kept = jnp.where(accepted, _symmetric(covariance), belief.covariance)
-        return Updated(Belief(_wrapped(mean), kept), distance, accepted)
+        return EKFUpdate(Belief(_wrapped(mean), kept), distance, accepted)
 
     def _transition(
         self, mean: Float[Array, "S"], dt: Float[Array, ""]

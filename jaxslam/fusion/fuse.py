@@ -35,7 +35,7 @@ class FusedStep(eqx.Module):
 
 
 @dataclass(frozen=True)
-class Fused:
+class FusedMotion:
     """The fused motion.
 
     Attributes:
@@ -82,7 +82,7 @@ def filter_events(ekf: EKF, start: Float[Array, "3"], events: Events) -> tuple[B
     return jax.lax.scan(step, belief, events)
 
 
-def fuse(ekf: EKF, stream: Stream) -> Fused:
+def fuse(ekf: EKF, stream: Stream) -> FusedMotion:
     """The fused motion at the queries of a stream."""
     steps = jax.jit(filter_events)(ekf, jnp.asarray(stream.start, jnp.float32), stream.events)[1]
     source: Int[np.ndarray, "M"] = np.asarray(stream.events.source)
@@ -95,7 +95,7 @@ def fuse(ekf: EKF, stream: Stream) -> Fused:
         # Nothing was asked before the first.
         deltas[0], covariances[0] = 0.0, 0.0
     names = {"odometry": ODOMETRY, "imu": IMU}
-    return Fused(
+    return FusedMotion(
         stamps=stream.stamps[rows],
         poses=np.asarray(steps.mean, np.float64)[rows, :3],
         sigmas=np.sqrt(np.asarray(steps.variance, np.float64)[rows, :3]),

@@ -48,7 +48,7 @@ class YawTrack:
     bias: float
 
 
-def tells_turning(imu: ImuTrack) -> bool:
+def turning_is_known(imu: ImuTrack) -> bool:
     """Whether an IMU has any turning rate."""
     return bool(np.isfinite(imu.angular_velocities).all(axis=1).any())
 

@@ -2,6 +2,7 @@
 
 from jaxslam.grid.distance import squared_distance
 from jaxslam.grid.field import DistanceField, Field, field_of_map, prepare_field, window_rows
+from jaxslam.grid.known_map import KnownMap
 from jaxslam.grid.occupancy import (
     CellsFromLidar,
     OccupancyModel,
@@ -9,12 +10,12 @@ from jaxslam.grid.occupancy import (
     add_scan,
     cells_from_lidar,
     probability,
-    quantise,
+    quantize,
     range_table,
 )
 from jaxslam.grid.raycast import cast
 from jaxslam.grid.spec import GridSpec
-from jaxslam.grid.walls import outstanding
+from jaxslam.grid.walls import thin_walls
 from jaxslam.grid.window import (
     copy_maps,
     inside_window,
@@ -30,6 +31,7 @@ __all__ = [
     "DistanceField",
     "Field",
     "GridSpec",
+    "KnownMap",
     "OccupancyModel",
     "RangeTable",
     "add_scan",
@@ -38,10 +40,10 @@ __all__ = [
     "copy_maps",
     "field_of_map",
     "inside_window",
-    "outstanding",
+    "thin_walls",
     "prepare_field",
     "probability",
-    "quantise",
+    "quantize",
     "range_table",
     "read_windows",
     "shift_to_scan",

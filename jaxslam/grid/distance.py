@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Int8, UInt8
 
-from jaxslam.xla.materialise import computed_once
+from jaxslam.xla.materialize import materialize
 
 MAX_RADIUS = 10
 """Largest radius in cells whose squares fit a byte: (r² + 1) + r² ≤ 255."""
@@ -59,8 +59,8 @@ def squared_distance_flat(
         return _lower_envelope(rows, rows.shape[0] - 2 * radius * width, radius, stride=width)
 
     # Each once: fused, one would be computed anew for every shift of the next.
-    seeds = computed_once(seed, (cells, occupied_above))
-    return computed_once(along_columns, computed_once(along_rows, seeds))
+    seeds = materialize(seed, (cells, occupied_above))
+    return materialize(along_columns, materialize(along_rows, seeds))
 
 
 def _lower_envelope(values: UInt8[Array, "n"], size: int, radius: int, stride: int) -> UInt8[Array, "size"]:

@@ -4,8 +4,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Int8, UInt8, UInt16
 
+from jaxslam.core import se2
 from jaxslam.grid.distance import margin_rows, squared_distance_flat
-from jaxslam.xla.materialise import computed_once
+from jaxslam.lidar.beams import ScanPoints, inlier_ratio
+from jaxslam.xla.materialize import materialize
 
 COARSE_FACTOR = 4
 """Cells of the map along one side of a coarse cell."""
@@ -49,6 +51,16 @@ class DistanceField(eqx.Module):
         squared_cells = jnp.where(inside, (found & jnp.uint16(0x7F)).astype(jnp.float32), self._far)
         unseen = inside & ((found & jnp.uint16(0x80)) > 0) & (squared_cells >= self._far)
         return squared_cells * self.resolution * self.resolution, unseen
+
+    def inlier_ratio(self, ends: ScanPoints, pose: Float[Array, "3"]) -> Float[Array, ""]:
+        """Return the share of the valid beams that end near an obstacle or in space not yet seen.
+
+        Args:
+            ends: the scan, base frame.
+            pose: `[3]` of the base (m, m, rad, world frame).
+        """
+        squared, unseen = self.look_up(se2.apply(pose, ends.points))
+        return inlier_ratio(unseen | (squared < (self.radius * self.resolution) ** 2), ends.valid)
 
     @property
     def _far(self) -> float:
@@ -192,7 +204,7 @@ def _pairs(squared: UInt8[Array, "cells"], window: Int8[Array, "H W"], margin: i
         marked = squared.astype(jnp.uint16) | (unseen.reshape(-1).astype(jnp.uint16) << jnp.uint16(7))
         return marked | (jnp.pad(marked[1:], (0, 1)) << jnp.uint16(8))
 
-    return computed_once(pack, (squared, window))
+    return materialize(pack, (squared, window))
 
 
 def field_of_map(

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Int8, Int16
 
 from jaxslam.core.types import LidarScan
-from jaxslam.xla.materialise import computed_once
+from jaxslam.xla.materialize import materialize
 
 LOG_ODDS_PER_UNIT = 0.15
 _LARGEST = 19.0
@@ -30,7 +30,7 @@ class OccupancyModel(eqx.Module):
             are a little off their way wipe out what they pass.
         limit: log-odds are clamped to ±limit, so that a map can still change its mind; ≤ 19.
         occupied_above: cells over this are obstacles to the matcher and the sensor model, log-odds.
-        standing_out: if they also have this share of the log-odds of the strongest cell near them, 0 to 1;
+        thinning_ratio: if they also have this share of the log-odds of the strongest cell near them, 0 to 1;
             see `jaxslam.grid.walls`. 0 takes them all.
     """
 
@@ -38,12 +38,12 @@ class OccupancyModel(eqx.Module):
     miss: float | Float[Array, ""] = -0.3
     limit: float | Float[Array, ""] = 15.0
     occupied_above: float | Float[Array, ""] = 2.0
-    standing_out: float | Float[Array, ""] = 0.5
+    thinning_ratio: float | Float[Array, ""] = 0.5
 
     def __check_init__(self):
         bounds = {"hit": (0.0, _LARGEST), "miss": (-_LARGEST, 0.0), "limit": (0.0, _LARGEST)}
         bounds["occupied_above"] = (-_LARGEST, _LARGEST)
-        bounds["standing_out"] = (0.0, 1.0)
+        bounds["thinning_ratio"] = (0.0, 1.0)
         for name, (low, high) in bounds.items():
             value = getattr(self, name)
             # A traced value cannot be looked at.
@@ -51,7 +51,7 @@ class OccupancyModel(eqx.Module):
                 raise ValueError(f"OccupancyModel: {name} is {value}, must be {low:g} to {high:g}")
 
 
-def quantise(log_odds: float | Float[Array, ""]) -> Int8[Array, ""]:
+def quantize(log_odds: float | Float[Array, ""]) -> Int8[Array, ""]:
     """Natural log-odds in the fixed point of the maps."""
     return jnp.clip(jnp.round(jnp.asarray(log_odds) / LOG_ODDS_PER_UNIT), -127, 127).astype(jnp.int8)
 
@@ -101,7 +101,7 @@ def range_table(scan: LidarScan, resolution: Float[Array, ""], max_cells: int) -
         half_cells = jnp.floor(2 * shorter / resolution)
         return jnp.clip(half_cells, 0, 2 * max_cells).astype(jnp.int16)
 
-    return RangeTable(computed_once(tabulate, scan))
+    return RangeTable(materialize(tabulate, scan))
 
 
 def _position_among_beams(scan: LidarScan) -> Float[Array, "n"]:
@@ -155,14 +155,14 @@ def add_scan(
     # An index past the end is dropped; one before the beginning would wrap round.
     row = jnp.where(valid & jnp.all(hits >= 0, axis=1), hits[:, 0], size)
     before = window.at[row, hits[:, 1]].get(mode="fill", fill_value=0)
-    cleared = _add(model, window, jnp.where(free, quantise(model.miss), jnp.int8(0)))
-    return cleared.at[row, hits[:, 1]].set(_add(model, before, quantise(model.hit)), mode="drop")
+    cleared = _add(model, window, jnp.where(free, quantize(model.miss), jnp.int8(0)))
+    return cleared.at[row, hits[:, 1]].set(_add(model, before, quantize(model.hit)), mode="drop")
 
 
 def _add(
     model: OccupancyModel, log_odds: Int8[Array, "*shape"], change: Int8[Array, "..."]
 ) -> Int8[Array, "*shape"]:
-    limit = quantise(model.limit).astype(jnp.int16)
+    limit = quantize(model.limit).astype(jnp.int16)
     total = log_odds.astype(jnp.int16) + change.astype(jnp.int16)
     return jnp.clip(total, -limit, limit).astype(jnp.int8)
 
@@ -185,5 +185,5 @@ def cells_from_lidar(size: int, shift: Int[Array, "2"]) -> CellsFromLidar:
         both = jnp.asarray(np.stack([bearing, distance]))
         return jax.lax.dynamic_slice(both, (0, start[0], start[1]), (2, size, size))
 
-    found = computed_once(cut, start)
+    found = materialize(cut, start)
     return CellsFromLidar(found[0], found[1])

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int8, Int16
 
 from jaxslam.grid.occupancy import OccupancyModel
-from jaxslam.xla.materialise import computed_once
+from jaxslam.xla.materialize import materialize
 
 NEIGHBOURS = 2
 """How far a stronger cell takes the wall from a weaker one, cells along each axis."""
@@ -12,7 +12,7 @@ _FIXED = 64
 """Shares are counted in so many parts: 127 times as much fits 16 bits."""
 
 
-def outstanding(model: OccupancyModel, window: Int8[Array, "rows size"]) -> Int8[Array, "rows size"]:
+def thin_walls(model: OccupancyModel, window: Int8[Array, "rows size"]) -> Int8[Array, "rows size"]:
     """The log-odds of a window, but −1 where a neighbour has so much more that the wall is there.
 
     Noise of ranges and poses smears a wall over two or three cells, and some of the beams that graze it hit
@@ -21,14 +21,14 @@ def outstanding(model: OccupancyModel, window: Int8[Array, "rows size"]) -> Int8
     nothing is taken away.
 
     Args:
-        model: its `standing_out` is the share of the strongest neighbour's log-odds that a cell must have.
+        model: its `thinning_ratio` is the share of the strongest neighbour's log-odds that a cell must have.
         window: `[rows, size]` log-odds in fixed point. Within `NEIGHBOURS` columns of the sides, neighbours
             in the next row may count.
     """
     size = window.shape[1]
     cells = window.reshape(-1)
     # Each once: fused, the strongest of a row would be sought anew for every row of the square.
-    along = computed_once(lambda values: _strongest(values, 1), cells)
+    along = materialize(lambda values: _strongest(values, 1), cells)
 
     def compare(values: tuple[Int8[Array, "n"], Int8[Array, "n"], Int16[Array, ""]]) -> Int8[Array, "n"]:
         cells, along, share = values
@@ -36,8 +36,8 @@ def outstanding(model: OccupancyModel, window: Int8[Array, "rows size"]) -> Int8
         weak = (cells > 0) & (cells.astype(jnp.int16) * jnp.int16(_FIXED) < share * strongest)
         return jnp.where(weak, jnp.int8(-1), cells)
 
-    share = jnp.round(jnp.clip(jnp.asarray(model.standing_out), 0.0, 1.0) * _FIXED).astype(jnp.int16)
-    return computed_once(compare, (cells, along, share)).reshape(window.shape)
+    share = jnp.round(jnp.clip(jnp.asarray(model.thinning_ratio), 0.0, 1.0) * _FIXED).astype(jnp.int16)
+    return materialize(compare, (cells, along, share)).reshape(window.shape)
 
 
 def _strongest(cells: Int8[Array, "n"], stride: int) -> Int8[Array, "n"]:

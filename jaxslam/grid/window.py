@@ -6,7 +6,7 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float, Int, Int8
 
 from jaxslam.grid.spec import GridSpec
-from jaxslam.xla.sharding import PARTICLES, on_each_device
+from jaxslam.xla.sharding import PARTICLES, shard_map
 
 _ROOM = 20
 """Cells that the lidar keeps from the window's edge."""
@@ -101,7 +101,7 @@ def write_windows(
 
         return jax.lax.fori_loop(0, maps.shape[0], write, maps)
 
-    return on_each_device(mesh, write_all, (True, True, True))(maps, windows, starts)
+    return shard_map(mesh, write_all, (True, True, True))(maps, windows, starts)
 
 
 def copy_maps(
@@ -137,7 +137,7 @@ def copy_maps(
 
         return jax.lax.fori_loop(0, count, copy, maps)
 
-    copy_each = on_each_device(mesh, copy_all, (True, False, False, False))
+    copy_each = shard_map(mesh, copy_all, (True, False, False, False))
     return copy_each(maps, ancestors, replaced, jnp.sum(ancestors != slots))
 
 

@@ -34,12 +34,14 @@ class OccupancyMap:
         free: `[H, W]` true where there is none; cells that are neither are unknown.
         resolution: side of a cell, metres.
         origin: `[3]` pose of the outer corner of cell (0, 0) in the world (m, m, rad).
+        name: of the map in error messages, such as the path of its file.
     """
 
     occupied: Bool[np.ndarray, "H W"]
     free: Bool[np.ndarray, "H W"]
     resolution: float
     origin: Float64[np.ndarray, "3"]
+    name: str = "the map"
 
 
 def write_map(
@@ -146,7 +148,7 @@ def read_map(path: str | Path) -> OccupancyMap:
     occupancy, known = _occupancy(image, mode, negate)
     occupied = known & (occupancy > occupied_thresh)
     free = known & (occupancy < free_thresh)
-    return OccupancyMap(occupied[::-1].copy(), free[::-1].copy(), resolution, np.array(pose))
+    return OccupancyMap(occupied[::-1].copy(), free[::-1].copy(), resolution, np.array(pose), str(path))
 
 
 _FINEST, _COARSEST = 1e-4, 1e3

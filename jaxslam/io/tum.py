@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from jaxslam.core.trajectory import yaw_from_quaternion
+from jaxslam.core.trajectory import Trajectory, yaw_from_quaternion
 from jaxslam.io.log import LogError
 
 
@@ -41,7 +41,7 @@ def write_tum(
     Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def read_tum(path: str | Path) -> tuple[Float64[np.ndarray, "M"], Float64[np.ndarray, "M 3"]]:
+def read_tum(path: str | Path) -> Trajectory:
     """Reads a trajectory; one in 3-D is projected to x, y and the yaw of its heading.
 
     Args:
@@ -64,7 +64,7 @@ def read_tum(path: str | Path) -> tuple[Float64[np.ndarray, "M"], Float64[np.nda
             "(0 0 0 1 for no rotation)"
         )
     poses = np.stack([table[:, 1], table[:, 2], yaw_from_quaternion(quaternions)], axis=1)
-    return table[:, 0], poses
+    return Trajectory(table[:, 0], poses)
 
 
 def read_number_rows(path: Path, columns: int, names: str) -> list[tuple[int, list[float]]]:

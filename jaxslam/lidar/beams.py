@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxslam.core import se2
 from jaxslam.core.types import LidarScan
 from jaxslam.lidar.normals import surface_normals
-from jaxslam.xla.materialise import computed_once
+from jaxslam.xla.materialize import materialize
 
 
 class ScanPoints(eqx.Module):
@@ -40,27 +40,47 @@ def wall_jacobian(ends: ScanPoints, heading: Float[Array, ""]) -> Float[Array, "
 
 
 def scan_points(scan: LidarScan, max_beams: int | None = None) -> ScanPoints:
-    """End points of a scan's beams, and the normals of what they hit, in the base frame.
+    """Return the end points of a scan's beams, and the normals of the walls they hit, in the base frame.
 
     Args:
-        scan: ranges `[B]` in metres and mask `[B]`.
+        scan: ranges `[B]` in meters and mask `[B]`.
         max_beams: at most this many beams, evenly spread over the scan; None keeps all.
     """
+    angles, ranges, valid = _beams(scan, max_beams)
+    # Once per scan, not once per particle; and a point not once for each of its neighbors' normals.
+    points = materialize(lambda beams: _place(scan, *beams), (angles, ranges))
+    normals = materialize(lambda ends: surface_normals(*ends), (points, valid))
+    return ScanPoints(points, valid, normals)
+
+
+def end_points(scan: LidarScan, max_beams: int | None = None) -> tuple[Float[Array, "B 2"], Bool[Array, "B"]]:
+    """Return end points `[B, 2]` in the base frame, meters, and which beams `[B]` returned.
+
+    The end point of a beam without a return is the position of the lidar. Arguments as `scan_points`.
+    """
+    angles, ranges, valid = _beams(scan, max_beams)
+    return _place(scan, angles, ranges), valid
+
+
+def _beams(
+    scan: LidarScan, max_beams: int | None
+) -> tuple[Float[Array, "B"], Float[Array, "B"], Bool[Array, "B"]]:
     angles, ranges, valid = scan.angles(), scan.ranges, scan.valid
     if max_beams is not None and max_beams < scan.num_beams:
         chosen = spread_beams(scan.num_beams, max_beams)
         angles, ranges, valid = angles[chosen], ranges[chosen], valid[chosen]
-    ranges = jnp.where(valid, ranges, 0.0)
+    return angles, jnp.where(valid, ranges, 0.0), valid
 
-    def place(polar: tuple[Array, Array]) -> Float[Array, "B 2"]:
-        angle, reach = polar
-        points_lidar = jnp.stack([reach * jnp.cos(angle), reach * jnp.sin(angle)], axis=-1)
-        return se2.apply(scan.pose_base_lidar, points_lidar)
 
-    # Once per scan, not once per particle; and a point not once for each of its neighbours' normals.
-    points = computed_once(place, (angles, ranges))
-    normals = computed_once(lambda ends: surface_normals(*ends), (points, valid))
-    return ScanPoints(points, valid, normals)
+def _place(scan: LidarScan, angles: Float[Array, "B"], ranges: Float[Array, "B"]) -> Float[Array, "B 2"]:
+    points_lidar = jnp.stack([ranges * jnp.cos(angles), ranges * jnp.sin(angles)], axis=-1)
+    return se2.apply(scan.pose_base_lidar, points_lidar)
+
+
+def inlier_ratio(inliers: Bool[Array, "B"], valid: Bool[Array, "B"]) -> Float[Array, ""]:
+    """Return the share of the valid beams `[B]` that the map explains; 0 without a valid beam."""
+    num_valid = jnp.sum(valid, dtype=jnp.float32)
+    return jnp.sum(valid & inliers, dtype=jnp.float32) / jnp.maximum(num_valid, 1.0)
 
 
 def spread_beams(num_beams: int, max_beams: int) -> Int[np.ndarray, "chosen"]:

@@ -11,17 +11,19 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from jaxslam.core import se2
 from jaxslam.core.flags import Flag
 from jaxslam.core.linalg import cholesky
-from jaxslam.core.types import StepInputs
+from jaxslam.core.types import LidarScan, StepInputs
 from jaxslam.core.validation import require_at_least_zero
+from jaxslam.grid.known_map import KnownMap
+from jaxslam.lidar.beams import end_points, inlier_ratio
 from jaxslam.localization.cluster import Cluster, Clustering, heaviest_particle
 from jaxslam.localization.kld import Bins, KLDSampling
-from jaxslam.localization.known_map import KnownMap
 from jaxslam.localization.recovery import Averages, Recovery
-from jaxslam.localization.scan_model import AbstractScanModel, share_on_map
+from jaxslam.localization.skipping import BeamSkipping
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.range_network.network import RangeNetwork, with_corrected_ranges
 from jaxslam.resampling._fixed_point import cumulative_weights, pick
-from jaxslam.resampling.ess import effective_sample_size, normalise
+from jaxslam.resampling.ess import effective_sample_size, normalize
+from jaxslam.sensor.base import AbstractSensorModel
 
 _STAGE, _NUM_STAGES, _SMALLEST = 4, 4, 512
 """Between the sizes of particle set that are compiled, how many there are, and the least: a set of 500 need
@@ -32,9 +34,9 @@ class AMCLState(eqx.Module):
     """What the next step needs.
 
     Attributes:
-        poses: `[N, 3]` base poses (m, m, rad, world frame); those from `num_live` on mean nothing.
-        log_weights: `[N]` normalised log-weights; −inf from `num_live` on.
-        num_live: how many particles there are now, int32.
+        poses: `[N, 3]` base poses (m, m, rad, world frame); those from `num_particles` on mean nothing.
+        log_weights: `[N]` normalised log-weights; −inf from `num_particles` on.
+        num_particles: how many particles there are now, int32.
         averages: of the scans' likelihood.
         converged: whether the particles agreed after the last step.
         num_steps: steps taken, int32.
@@ -42,7 +44,7 @@ class AMCLState(eqx.Module):
 
     poses: Float[Array, "N 3"]
     log_weights: Float[Array, "N"]
-    num_live: Int[Array, ""]
+    num_particles: Int[Array, ""]
     averages: Averages
     converged: Bool[Array, ""]
     num_steps: Int[Array, ""]
@@ -53,7 +55,7 @@ class AMCLInfo(eqx.Module):
 
     Attributes:
         estimate: the heaviest cluster after weighting.
-        num_live: particles that were weighed.
+        num_particles: particles that were weighed.
         num_random: particles drawn from the whole map afterwards.
         ess: effective sample size before resampling.
         resampled: whether the particles were resampled.
@@ -65,7 +67,7 @@ class AMCLInfo(eqx.Module):
     """
 
     estimate: Cluster
-    num_live: Int[Array, "*T"]
+    num_particles: Int[Array, "*T"]
     num_random: Int[Array, "*T"]
     ess: Float[Array, "*T"]
     resampled: Bool[Array, "*T"]
@@ -98,21 +100,22 @@ class AMCL(eqx.Module):
     """Monte-Carlo localisation with an adaptive number of particles.
 
     Pass it to `jax.jit` as an argument: its floats are traced, its sizes static. The particle set has room
-    for `max_particles`; those that live come first. A step works on the smallest of four sizes of set that
-    holds the live ones, and resampling makes at most the next larger one of it: from 500 to 100 000 particles
+    for `max_particles`; those that active come first. A step works on the smallest of four sizes of set that
+    holds the active ones, and resampling makes at most the next larger one of it: from 500 to 100 000 particles
     it takes three steps, after a kidnapping, say.
 
     Attributes:
-        known: the map.
-        table: what the scan model looks up on it.
+        map: the known map.
+        prepared: what the sensor model looks up on it.
         bins: to count where particles are.
         motion: p(x_t | x_{t−1}, u_t).
-        scan_model: p(z_t | x_t, m).
+        sensor: p(z_t | x_t, m).
+        skipping: of beams that hardly any particle explains.
         sampling: how many particles are needed.
         recovery: how many of them come from the whole map.
         clustering: where the estimate is.
         agreement: what counts as converged and as lost.
-        resample_below: resample where the effective sample size is under this share of the live particles;
+        resample_below: resample where the effective sample size is under this share of the active particles;
             over 1 resamples in every step.
         min_valid_beams: a scan with fewer among those that are looked at moves the particles by odometry
             alone.
@@ -123,11 +126,12 @@ class AMCL(eqx.Module):
         The second paper, "mine"; Fox 2003; Thrun, Burgard, Fox, Probabilistic Robotics, tables 8.2 and 8.3.
     """
 
-    known: KnownMap
-    table: Any
+    map: KnownMap
+    prepared: Any
     bins: Bins
     motion: AbstractMotionModel
-    scan_model: AbstractScanModel
+    sensor: AbstractSensorModel
+    skipping: BeamSkipping
     sampling: KLDSampling
     recovery: Recovery
     clustering: Clustering
@@ -152,13 +156,13 @@ class AMCL(eqx.Module):
 
     def init_global(self, key: PRNGKeyArray) -> AMCLState:
         """Particles all over the free space."""
-        return self._start(self.known.draw_free(key, self.max_particles))
+        return self._start(self.map.draw_free(key, self.max_particles))
 
     def _start(self, poses: Float[Array, "N 3"]) -> AMCLState:
         return AMCLState(
             poses=poses,
-            log_weights=normalise(jnp.zeros(self.max_particles, jnp.float32)),
-            num_live=jnp.asarray(self.max_particles, jnp.int32),
+            log_weights=normalize(jnp.zeros(self.max_particles, jnp.float32)),
+            num_particles=jnp.asarray(self.max_particles, jnp.int32),
             averages=Averages.none(),
             converged=jnp.asarray(False),
             num_steps=jnp.zeros((), jnp.int32),
@@ -177,7 +181,7 @@ class AMCL(eqx.Module):
         """Move, weigh, estimate, and draw as many particles as the belief needs."""
         inputs = with_corrected_ranges(self.range_network, inputs)
         sizes = self._sizes()
-        stage = jnp.sum(state.num_live > jnp.asarray(sizes[:-1], jnp.int32), dtype=jnp.int32)
+        stage = jnp.sum(state.num_particles > jnp.asarray(sizes[:-1], jnp.int32), dtype=jnp.int32)
         branches = [
             partial(self._step_of, now, after)
             for now, after in zip(sizes, sizes[1:] + sizes[-1:], strict=True)
@@ -196,7 +200,7 @@ class AMCL(eqx.Module):
     ) -> tuple[AMCLState, AMCLInfo]:
         """A step of the first `size` particles, after which there may be `size_after`."""
         key_move, key_draw = jax.random.split(key)
-        live = jnp.arange(size) < state.num_live
+        active = jnp.arange(size) < state.num_particles
         # (9), (12), (13)
         keys = jax.random.split(key_move, size)
         moved = jax.vmap(self.motion.sample, (0, 0, None))(keys, state.poses[:size], inputs.odometry)
@@ -204,39 +208,41 @@ class AMCL(eqx.Module):
         moved = jnp.where(finite, moved, state.poses[:size])
 
         # (14)
-        enough = self.scan_model.num_scored(inputs.scan) >= self.min_valid_beams
-        log_likelihood = self.scan_model.log_likelihoods(
-            self.table, self.known, inputs.scan, moved, live, state.converged
+        enough = self.sensor.num_scored(inputs.scan) >= self.min_valid_beams
+        on_map = self.map.to_map(moved)
+        scan = self.skipping.skip(
+            self.map, inputs.scan, on_map, active, state.converged, self.sensor.max_beams
         )
+        log_likelihood = self.sensor.log_prob_all(self.prepared, scan, on_map)
         log_likelihood = jnp.where(jnp.isfinite(log_likelihood), log_likelihood, -jnp.inf)
         before = state.log_weights[:size]
-        after = jnp.where(live, before + log_likelihood, -jnp.inf)
+        after = jnp.where(active, before + log_likelihood, -jnp.inf)
         # A scan that is impossible everywhere says nothing of where.
         tells = enough & jnp.any(after > -jnp.inf)
-        log_weights = normalise(jnp.where(tells, after, before))
+        log_weights = normalize(jnp.where(tells, after, before))
         weights = jnp.exp(log_weights)
 
         estimate = self._estimate(moved, weights)
-        score = share_on_map(self.known, inputs.scan, estimate.mean, self.agreement.near)
+        score = self._inlier_ratio(inputs.scan, estimate.mean)
         agreed = estimate.weight >= self.agreement.min_weight
         converged = agreed & (estimate.deviation <= self.agreement.max_deviation)
         misfit = enough & (score < self.agreement.lost_below)
         lost = converged & misfit
-        mean_log_likelihood = jax.nn.logsumexp(after) / self.scan_model.independent_count
+        mean_log_likelihood = jax.nn.logsumexp(after) / self.sensor.independent_count
         averages = self.recovery.update(state.averages, mean_log_likelihood, misfit)
         averages = jax.tree.map(partial(jnp.where, enough), averages, state.averages)
 
         # (15)
-        num_live = jnp.minimum(state.num_live, size)
-        ess = effective_sample_size(jnp.where(live, log_weights, -jnp.inf))
+        num_particles = jnp.minimum(state.num_particles, size)
+        ess = effective_sample_size(jnp.where(active, log_weights, -jnp.inf))
         random_share = jnp.where(enough, self.recovery.share(averages, lost), 0.0)
-        is_due = ess < self.resample_below * num_live.astype(jnp.float32)
+        is_due = ess < self.resample_below * num_particles.astype(jnp.float32)
         resampled = enough & (is_due | (random_share > 0.0))
         num_next, next_poses, next_log_weights, num_random = jax.lax.cond(
             resampled,
             partial(self._resample, size_after),
             partial(_keep, size_after),
-            (key_draw, moved, log_weights, num_live, random_share),
+            (key_draw, moved, log_weights, num_particles, random_share),
         )
         dead = jnp.arange(size_after) >= num_next
         next_log_weights = jnp.where(dead, -jnp.inf, next_log_weights)
@@ -245,17 +251,17 @@ class AMCL(eqx.Module):
             log_weights=jnp.full(self.max_particles, -jnp.inf, jnp.float32)
             .at[:size_after]
             .set(next_log_weights),
-            num_live=num_next,
+            num_particles=num_next,
             averages=averages,
             converged=converged & ~lost,
             num_steps=state.num_steps + 1,
         )
         flags = jnp.where(enough, 0, Flag.FEW_VALID_BEAMS.value) | jnp.where(
-            jnp.all(finite[:, 0] | ~live), 0, Flag.NONFINITE_POSE.value
+            jnp.all(finite[:, 0] | ~active), 0, Flag.NONFINITE_POSE.value
         )
         info = AMCLInfo(
             estimate=estimate,
-            num_live=num_live,
+            num_particles=num_particles,
             num_random=num_random,
             ess=ess,
             resampled=resampled,
@@ -267,9 +273,16 @@ class AMCL(eqx.Module):
         return state, info
 
     def _estimate(self, poses: Float[Array, "n 3"], weights: Float[Array, "n"]) -> Cluster:
-        bins = self.bins.index(self.known, poses)
+        bins = self.bins.index(self.map, poses)
         start = heaviest_particle(poses, weights, bins, self.bins.count)
         return self.clustering.around(poses, weights, start)
+
+    def _inlier_ratio(self, scan: LidarScan, pose: Float[Array, "3"]) -> Float[Array, ""]:
+        """Share of the valid beams that end near an obstacle, seen from a pose; NaN without a valid beam."""
+        points, valid = end_points(scan)
+        near = self.map.near_obstacles(self.agreement.near)
+        inliers = near.sum_over_poses(self.map.to_map(pose[None]), points, jnp.ones(1, jnp.float32)) > 0.0
+        return jnp.where(jnp.any(valid), inlier_ratio(inliers, valid), jnp.nan)
 
     def _resample(
         self, count: int, particles: "_Particles"
@@ -288,11 +301,11 @@ class AMCL(eqx.Module):
 
         def mixed() -> tuple[Bool[Array, "count"], Float[Array, "count 3"]]:
             is_random = jax.random.uniform(key_which, (count,), jnp.float32) < random_share
-            return is_random, jnp.where(is_random[:, None], self.known.draw_free(key_random, count), picked)
+            return is_random, jnp.where(is_random[:, None], self.map.draw_free(key_random, count), picked)
 
         # Hardly ever, and drawing them takes as long as all the rest.
         is_random, drawn = jax.lax.cond(random_share > 0.0, mixed, lambda: (jnp.zeros(count, bool), picked))
-        bins = self.bins.index(self.known, drawn)
+        bins = self.bins.index(self.map, drawn)
         num_needed = self.sampling.num_needed(bins, self.bins.count)
         num_random = jnp.sum(is_random & (jnp.arange(count) < num_needed), dtype=jnp.int32)
         uniform = jnp.full(count, -jnp.log(num_needed.astype(jnp.float32)))
@@ -300,18 +313,18 @@ class AMCL(eqx.Module):
 
 
 _Particles = tuple[PRNGKeyArray, Float[Array, "n 3"], Float[Array, "n"], Int[Array, ""], Float[Array, ""]]
-"""A key, poses and log-weights, how many live, and the share of random ones."""
+"""A key, poses and log-weights, how many active, and the share of random ones."""
 
 
 def _keep(
     count: int, particles: _Particles
 ) -> tuple[Int[Array, ""], Float[Array, "count 3"], Float[Array, "count"], Int[Array, ""]]:
     """The particles as they are, with room for `count`."""
-    _, poses, log_weights, num_live, _ = particles
+    _, poses, log_weights, num_particles, _ = particles
     size = poses.shape[0]
     room = jnp.zeros((count, 3), jnp.float32).at[:size].set(poses)
     weights = jnp.full(count, -jnp.inf, jnp.float32).at[:size].set(log_weights)
-    return num_live, room, weights, jnp.zeros((), jnp.int32)
+    return num_particles, room, weights, jnp.zeros((), jnp.int32)
 
 
 def run(amcl: AMCL, key: PRNGKeyArray, state: AMCLState, inputs: StepInputs) -> tuple[AMCLState, AMCLInfo]:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxslam.core.validation import require_at_least_zero
-from jaxslam.localization.known_map import KnownMap
+from jaxslam.grid.known_map import KnownMap
 
 
 class Bins(eqx.Module):
@@ -25,16 +25,16 @@ class Bins(eqx.Module):
     columns: int = eqx.field(static=True)
 
     @classmethod
-    def over(cls, known: KnownMap, translation: float, rotation: float) -> "Bins":
+    def over(cls, map: KnownMap, translation: float, rotation: float) -> "Bins":
         """Bins over a map.
 
         Args:
-            known: the map.
+            map: the map.
             translation: side of a bin, metres.
             rotation: width of a bin, radians; made a whole part of the circle.
         """
-        height, width = known.shape
-        resolution = float(known.resolution)
+        height, width = map.shape
+        resolution = float(map.resolution)
         return cls(
             translation=jnp.asarray(translation, jnp.float32),
             num_headings=max(1, round(2 * np.pi / rotation)),
@@ -47,10 +47,10 @@ class Bins(eqx.Module):
         """How many bins there are."""
         return self.num_headings * self.rows * self.columns
 
-    def index(self, known: KnownMap, poses: Float[Array, "N 3"]) -> Int[Array, "N"]:
+    def index(self, map: KnownMap, poses: Float[Array, "N 3"]) -> Int[Array, "N"]:
         """The bin `[N]` of each pose `[N, 3]` (world frame); off the map it is that at its edge."""
-        cells = known.in_cells(poses)
-        scale = known.resolution / self.translation
+        cells = map.to_cells(poses)
+        scale = map.resolution / self.translation
         column = jnp.clip(jnp.floor(cells[:, 0] * scale), 0, self.columns - 1).astype(jnp.int32)
         row = jnp.clip(jnp.floor(cells[:, 1] * scale), 0, self.rows - 1).astype(jnp.int32)
         turn = cells[:, 2] / (2.0 * jnp.pi)

@@ -1,4 +1,4 @@
-"""x"""
+"""Particles around a given start pose."""
 
 import jax
 import jax.numpy as jnp
@@ -21,18 +21,18 @@ def start_at(amcl: AMCL, key: PRNGKeyArray, pose: tuple[float, float, float], de
         ValueError: the start is not on the map, or not in its free space.
     """
     here = f"the start ({pose[0]:g} m, {pose[1]:g} m)"
-    column, row = np.asarray(amcl.known.in_cells(jnp.asarray([pose], jnp.float32)))[0, :2]
-    height, width = amcl.known.shape
+    column, row = np.asarray(amcl.map.to_cells(jnp.asarray([pose], jnp.float32)))[0, :2]
+    height, width = amcl.map.shape
     if not (0 <= column < width and 0 <= row < height):
-        side = float(amcl.known.resolution)
-        x, y, theta = (float(value) for value in amcl.known.origin)
+        side = float(amcl.map.resolution)
+        x, y, theta = (float(value) for value in amcl.map.origin)
         turned = f", turned by {theta:g} rad" if theta else ""
         raise ValueError(
             f"{here} is not on the map, which is {width * side:g} × {height * side:g} m from "
             f"({x:g}, {y:g}){turned}"
         )
-    if not bool(amcl.known.is_free(jnp.asarray(pose, jnp.float32))):
-        occupied = bool(amcl.known.occupied[int(row), int(column)])
+    if not bool(amcl.map.is_free(jnp.asarray(pose, jnp.float32))):
+        occupied = bool(amcl.map.occupied[int(row), int(column)])
         what = "in a wall" if occupied else "where the map knows nothing"
         raise ValueError(f"{here} is {what}: give one in free space, or --global")
     deviation, rotation = deviations

@@ -12,7 +12,7 @@ Fitness = Callable[[Float[Array, "D"]], Float[Array, ""]]
 _NONE = 1e-12
 
 
-class Found(eqx.Module):
+class SwarmResult(eqx.Module):
     """The best place that a swarm has been to, or that each of its flies has.
 
     Attributes:
@@ -129,7 +129,7 @@ class FruitFlies(eqx.Module):
         scale: Float[Array, "D"],
         lower: Float[Array, "D"] | None = None,
         upper: Float[Array, "D"] | None = None,
-    ) -> Found:
+    ) -> SwarmResult:
         """The best place found from `start` `[D]`.
 
         Args:
@@ -150,7 +150,7 @@ class FruitFlies(eqx.Module):
             best_fitness=first,
         )
         swarm, flights = self._fly(jax.vmap(fitness), key, swarm, scale, lower[None], upper[None])
-        return Found(swarm.best, swarm.best_fitness, flights.leader)
+        return SwarmResult(swarm.best, swarm.best_fitness, flights.leader)
 
     def maximise_each(
         self,
@@ -160,7 +160,7 @@ class FruitFlies(eqx.Module):
         scale: Float[Array, "D"],
         lower: Float[Array, "P D"],
         upper: Float[Array, "P D"],
-    ) -> Found:
+    ) -> SwarmResult:
         """The best place found by every fly of a swarm whose flies see different landscapes.
 
         Each generation all go to the place of the best individual, within their own bounds, and look at it
@@ -185,7 +185,7 @@ class FruitFlies(eqx.Module):
         # The first of equals: a fly that found nothing better stays where it set out.
         best = jnp.argmax(seen, axis=0)
         flies = jnp.arange(starts.shape[0])
-        return Found(positions[best, flies], seen[best, flies], flights.leader)
+        return SwarmResult(positions[best, flies], seen[best, flies], flights.leader)
 
     def _fly(
         self,

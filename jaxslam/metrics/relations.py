@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64
 
 from jaxslam.core import se2
-from jaxslam.core.trajectory import STAMP_TOLERANCE, carry_on
+from jaxslam.core.trajectory import STAMP_TOLERANCE, dead_reckon
 from jaxslam.metrics.alignment import check_poses, check_stamps
 
 
@@ -130,7 +130,7 @@ def relation_residuals(
     track = (stamps.astype(float), poses.astype(float))
     odometry = (odometry_stamps.astype(float), odometry_poses.astype(float))
     times_from, times_to = stamps_from.astype(float), stamps_to.astype(float)
-    pose_from, pose_to = (carry_on(times, *track, *odometry) for times in (times_from, times_to))
+    pose_from, pose_to = (dead_reckon(times, *track, *odometry) for times in (times_from, times_to))
     error = se2.relative(deltas.astype(float), se2.relative(pose_from, pose_to))
     used = _covered(times_from, track[0], odometry[0]) & _covered(times_to, track[0], odometry[0])
     translation = np.where(used, np.linalg.norm(error[:, :2], axis=1), np.nan)

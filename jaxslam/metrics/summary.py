@@ -5,7 +5,7 @@ from dataclasses import asdict
 import numpy as np
 from jaxtyping import Float64
 
-from jaxslam.core.trajectory import STAMP_TOLERANCE, carry_on
+from jaxslam.core.trajectory import STAMP_TOLERANCE, dead_reckon
 from jaxslam.io.log import OdometryTrack
 from jaxslam.io.relations import Relations
 from jaxslam.metrics import TrajectoryError, absolute_trajectory_error, relation_errors
@@ -69,7 +69,7 @@ def reference_error(
             "s): check that they belong to the same log and clock"
         )
     times = reference_stamps[within]
-    estimate = carry_on(times, stamps, poses, odometry.stamps, odometry.poses)
+    estimate = dead_reckon(times, stamps, poses, odometry.stamps, odometry.poses)
     return absolute_trajectory_error(times, reference[within], times, estimate, align=align)
 
 

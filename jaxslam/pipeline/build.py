@@ -1,4 +1,4 @@
-"""Build a filter from its configuration."""
+"""Build a filter from its config."""
 
 import math
 
@@ -8,11 +8,11 @@ from jaxtyping import Float64
 from jaxslam.config.localization import LocalizationConfig
 from jaxslam.config.slam import SlamConfig
 from jaxslam.grid.field import window_rows
+from jaxslam.grid.known_map import KnownMap
 from jaxslam.grid.spec import GridSpec
 from jaxslam.io.map_server import OccupancyMap
 from jaxslam.localization.amcl import AMCL
 from jaxslam.localization.kld import Bins
-from jaxslam.localization.known_map import KnownMap
 from jaxslam.range_network.network import RangeNetwork
 from jaxslam.slam.rbpf import RBPF
 from jaxslam.xla.resources import physical_memory
@@ -23,15 +23,15 @@ _BYTES_PER_PARTICLE = 200
 """Before and after a step and while it works: 137 by the compiler, and some for the pictures."""
 
 
-def build(
-    configuration: SlamConfig,
+def build_slam(
+    config: SlamConfig,
     odometry_bounds: Float64[np.ndarray, "2 2"],
     range_network: RangeNetwork | None = None,
 ) -> RBPF:
     """The filter of a configuration, its maps sized for a path.
 
     Args:
-        configuration: see there.
+        config: see there.
         odometry_bounds: `[2, 2]` lower and upper corner of the odometry's path, metres.
         range_network: corrects the ranges of every scan.
 
@@ -41,36 +41,36 @@ def build(
     Example:
         A path of 10 × 5 m, margin 12 m and 0.3 per metre, usable range 8 m, cells of 5 cm: 56 × 51 m.
     """
-    reach, resolution = float(configuration.lidar.usable_range), float(configuration.map.resolution)
+    reach, resolution = float(config.lidar.usable_range), float(config.map.resolution)
     longer_side = float(np.max(odometry_bounds[1] - odometry_bounds[0]))
-    margin = float(configuration.map.margin) + float(configuration.map.margin_share) * longer_side
+    margin = float(config.map.margin) + float(config.map.margin_share) * longer_side
     around = reach + margin
-    radius = configuration.map.radius
+    radius = config.map.radius
     # A range that is a whole number of cells must not get one more by rounding.
-    half_window = math.ceil(min(reach, float(configuration.map.window) / 2) / resolution - 1e-6) + radius + 1
+    half_window = math.ceil(min(reach, float(config.map.window) / 2) / resolution - 1e-6) + radius + 1
     window_size = -(-2 * half_window // 4) * 4
     lower, upper = odometry_bounds[0] - around, odometry_bounds[1] + around
     # The window must find room in a map with a small margin, too.
     missing = np.maximum(window_rows(window_size, radius) * resolution - (upper - lower), 0.0)
     lower, upper = lower - missing / 2, upper + missing / 2
-    _check_memory(configuration, upper - lower)
+    _check_memory(config, upper - lower)
     return RBPF(
         grid=GridSpec.covering(lower, upper, resolution),
-        motion=configuration.motion,
-        sensor=configuration.sensor,
-        proposal=configuration.proposal,
-        resampling=configuration.resampling,
-        occupancy=configuration.occupancy,
-        usable_range=configuration.lidar.usable_range,
+        motion=config.motion,
+        sensor=config.sensor,
+        proposal=config.proposal,
+        resampling=config.resampling,
+        occupancy=config.occupancy,
+        usable_range=config.lidar.usable_range,
         range_network=range_network,
-        num_particles=configuration.num_particles,
+        num_particles=config.num_particles,
         window_size=window_size,
         radius=radius,
     )
 
 
 def build_localizer(
-    configuration: LocalizationConfig,
+    config: LocalizationConfig,
     occupancy: OccupancyMap,
     range_network: RangeNetwork | None = None,
 ) -> AMCL:
@@ -80,50 +80,51 @@ def build_localizer(
         ValueError: the map has no obstacle or no free space, the bins are too small for it, or the particles
             would not fit into memory.
     """
-    require_memory(configuration)
-    known = KnownMap.of(occupancy, float(configuration.max_distance))
-    bins = Bins.over(known, float(configuration.bins.translation), float(configuration.bins.rotation))
+    require_memory(config)
+    map = KnownMap.from_map(occupancy, float(config.max_distance))
+    bins = Bins.over(map, float(config.bins.translation), float(config.bins.rotation))
     if bins.count > _MAX_BINS:
-        extent = np.asarray(known.shape) * float(known.resolution)
+        extent = np.asarray(map.shape) * float(map.resolution)
         raise ValueError(
-            f"{bins.count:.2g} bins on a map of {extent[1]:.0f} × {extent[0]:.0f} m: raise "
+            f"{occupancy.name}: {bins.count:.2g} bins on a map of {extent[1]:.0f} × {extent[0]:.0f} m: raise "
             "bins.translation or bins.rotation"
         )
     return AMCL(
-        known=known,
-        table=configuration.scan_model.prepare(known),
+        map=map,
+        prepared=config.sensor.prepare(map),
         bins=bins,
-        motion=configuration.motion,
-        scan_model=configuration.scan_model,
-        sampling=configuration.sampling,
-        recovery=configuration.recovery,
-        clustering=configuration.clustering,
-        agreement=configuration.agreement,
-        resample_below=configuration.resample_below,
-        min_valid_beams=configuration.min_valid_beams,
+        motion=config.motion,
+        sensor=config.sensor,
+        skipping=config.skipping,
+        sampling=config.sampling,
+        recovery=config.recovery,
+        clustering=config.clustering,
+        agreement=config.agreement,
+        resample_below=config.resample_below,
+        min_valid_beams=config.min_valid_beams,
         range_network=range_network,
-        max_particles=configuration.max_particles,
+        max_particles=config.max_particles,
     )
 
 
-def _check_memory(configuration: SlamConfig, extent: Float64[np.ndarray, "2"]) -> None:
-    cells = float(np.prod(np.ceil(extent / float(configuration.map.resolution))))
+def _check_memory(config: SlamConfig, extent: Float64[np.ndarray, "2"]) -> None:
+    cells = float(np.prod(np.ceil(extent / float(config.map.resolution))))
     # One byte per cell and particle, and as much again while particles are resampled.
-    needed = 2 * cells * configuration.num_particles
+    needed = 2 * cells * config.num_particles
     available = physical_memory()
     if cells > _MAX_CELLS or needed > available:
         raise ValueError(
-            f"{configuration.num_particles} maps of {extent[0]:.0f} × {extent[1]:.0f} m need "
+            f"{config.num_particles} maps of {extent[0]:.0f} × {extent[1]:.0f} m need "
             f"{needed / 1e9:.3g} GB of the {available / 1e9:.3g} GB there are: lower num_particles or "
             "map.margin, or raise map.resolution"
         )
 
 
-def require_memory(configuration: LocalizationConfig) -> None:
+def require_memory(config: LocalizationConfig) -> None:
     """Raises a `ValueError` where the particles would not fit into memory."""
-    needed, available = configuration.max_particles * _BYTES_PER_PARTICLE, physical_memory()
-    if needed > available or configuration.max_particles >= 2**31:
+    needed, available = config.max_particles * _BYTES_PER_PARTICLE, physical_memory()
+    if needed > available or config.max_particles >= 2**31:
         raise ValueError(
-            f"{configuration.max_particles} particles need {needed / 1e9:.3g} GB of the "
+            f"{config.max_particles} particles need {needed / 1e9:.3g} GB of the "
             f"{available / 1e9:.3g} GB there are: lower max_particles"
         )

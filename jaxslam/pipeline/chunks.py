@@ -1,4 +1,4 @@
-"""A filter over a log on the host, in chunks: for progress, snapshots, and errors before the end."""
+"""The loop over time under every driver: one compiled `lax.scan` over a chunk of steps."""
 
 import functools
 import time
@@ -13,20 +13,63 @@ from jaxtyping import Array, Int, PRNGKeyArray
 
 from jaxslam.core.types import StepInputs
 from jaxslam.xla.compiler import compiler_options
+from jaxslam.xla.control_flow import run_if
 
 CHUNK = 64
-"""Scans between two looks of the host: often enough for a progress bar, rarely enough to cost nothing."""
+"""Scans between two calls to the host: often enough for a progress bar, rarely enough to cost nothing."""
+
+
+def run_steps(
+    filter_: Any,
+    inputs: StepInputs,
+    key: PRNGKeyArray,
+    state: Any,
+    *,
+    first: Int[Array, ""] | int = 0,
+    count: Int[Array, ""] | int | None = None,
+    length: int | None = None,
+) -> tuple[Any, Any]:
+    """Run a filter over its inputs as one `lax.scan`: jit it, or vmap it over keys or floats of the filter.
+
+    `compiler_options` of `jaxslam.xla.compiler` make an RBPF a quarter faster on the CPU.
+
+    Args:
+        filter_: a pytree with `step(key, state, inputs) -> (state, info)`, such as `RBPF` or `AMCL`.
+        inputs: leaves stacked over time, `[T, ...]`.
+        key: PRNG key; step `t` uses `fold_in(key, t)`.
+        state: from the filter's `init`.
+        first: index of the first step.
+        count: number of steps; it is traced, so another number does not compile again. None: `length`.
+        length: number of steps that are compiled, at least `count` (static). None: all T.
+
+    Returns:
+        The final state, and the infos of all steps, leaves `[length, ...]`; zeros from `count` on.
+    """
+    length = inputs.scan.ranges.shape[0] if length is None else length
+
+    def step(state: Any, now: StepInputs) -> tuple[Any, Any]:
+        return filter_.step(jax.random.fold_in(key, state.num_steps), state, now)
+
+    def body(state: Any, index: Int[Array, ""]) -> tuple[Any, Any]:
+        now = jax.tree.map(lambda leaf: leaf[first + index], inputs)
+        if count is None:
+            return step(state, now)
+        shapes = jax.eval_shape(step, state, now)[1]
+        blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
+        return run_if(index < count, lambda carry: step(carry[0], now), (state, blank))
+
+    return jax.lax.scan(body, state, jnp.arange(length, dtype=jnp.int32))
 
 
 @dataclass(frozen=True)
-class Advanced:
+class ChunkedRun:
     """A filter at the end of a log.
 
     Attributes:
-        state: its last.
-        infos: what every step left behind, NumPy arrays `[T, ...]`.
-        compile_s: seconds spent compiling; next to none if a run of the same sizes has been before.
-        run_s: seconds spent running, compilation apart.
+        state: the final state.
+        infos: the infos of all steps, NumPy arrays `[T, ...]`.
+        compile_s: seconds spent compiling; almost none after an earlier run of the same sizes.
+        run_s: seconds spent running, without compilation.
     """
 
     state: Any
@@ -35,89 +78,69 @@ class Advanced:
     run_s: float
 
 
-def advance(
+def run_in_chunks(
     filter_: Any,
+    inputs: StepInputs,
     key: PRNGKeyArray,
     state: Any,
-    inputs: StepInputs,
     *,
     tuned: bool,
     progress: str | None = None,
-    look: Callable[[Any, list[Any]], None] | None = None,
+    on_chunk: Callable[[Any, list[Any]], None] | None = None,
     every: int = CHUNK,
-) -> Advanced:
-    """Runs a filter over all inputs; step `t` uses `fold_in(key, t)`.
+) -> ChunkedRun:
+    """Run a filter over all inputs from the host, with the same result as `run_steps`.
 
     Args:
-        filter_: a pytree with `step(key, state, inputs)` and `blank_infos(num_steps)`.
-        key: PRNG key; same key, same bytes.
-        state: to start from, with `num_steps`; it is consumed.
+        filter_: as for `run_steps`.
         inputs: leaves stacked over time, `[T, ...]`.
-        tuned: compile with `compiler_options`, which suit maps and not look-ups of many particles.
-        progress: what is being done, for a bar on stderr (needs tqdm); None for no bar.
-        look: called with the state and the infos so far; it may raise.
-        every: so many scans, at most CHUNK.
+        key: PRNG key; same key, same bytes.
+        state: to start from; it is donated.
+        tuned: compile with `compiler_options`, which suit mapping and not the look-ups of many particles.
+        progress: label of a progress bar on stderr (needs tqdm); None for no bar.
+        on_chunk: called with the state and the infos so far after each chunk; it may raise.
+        every: scans per chunk, at most `CHUNK`.
     """
     total = inputs.scan.ranges.shape[0]
-    inputs, infos, run_s = padded(inputs), [], 0.0
+    inputs, infos, run_s = pad_inputs(inputs), [], 0.0
     program = _program(tuned)
     started = time.perf_counter()
-    # No step at all: what takes time is compiling, unless a run of the same sizes has been before.
-    state, _ = jax.block_until_ready(program(filter_, key, state, inputs, 0, 0))
+    # A call of no steps spends its time on compiling, unless a run of the same sizes came before.
+    state, _ = jax.block_until_ready(program(filter_, inputs, key, state, first=0, count=0))
     compile_s = time.perf_counter() - started
     bar = None if progress is None else _progress_bar(total, progress)
     for first in range(0, total, every):
         count = min(every, total - first)
         started = time.perf_counter()
-        state, chunk = jax.block_until_ready(program(filter_, key, state, inputs, first, count))
+        state, chunk = jax.block_until_ready(program(filter_, inputs, key, state, first=first, count=count))
         run_s += time.perf_counter() - started
         infos.append(jax.tree.map(lambda leaf, count=count: np.asarray(leaf)[:count], chunk))
         if bar is not None:
             bar.set_postfix(ess=f"{infos[-1].ess.mean():.1f}", ms=f"{1e3 * run_s / (first + count):.2f}")
             bar.update(count)
-        if look is not None:
-            look(state, infos)
+        if on_chunk is not None:
+            on_chunk(state, infos)
     if bar is not None:
         bar.close()
     together = jax.tree.map(lambda *leaves: np.concatenate(leaves), *infos)
-    return Advanced(state, together, compile_s, run_s)
+    return ChunkedRun(state, together, compile_s, run_s)
 
 
-@functools.cache
-def _program(tuned: bool) -> Callable[..., tuple[Any, Any]]:
-    """`steps`, compiled: one per process, so that equal sizes share it."""
-    options = compiler_options() if tuned else None
-    return jax.jit(steps, static_argnames="room", donate_argnums=(2,), compiler_options=options)
-
-
-def padded(inputs: StepInputs) -> StepInputs:
-    """Inputs lengthened to a power of two, so that logs of similar length share one compilation."""
+def pad_inputs(inputs: StepInputs) -> StepInputs:
+    """Pad inputs to a power of two, so that logs of similar length share one compilation."""
     total = inputs.scan.ranges.shape[0]
     size = 1 << max(total - 1, 1).bit_length()
     return jax.tree.map(lambda leaf: jnp.pad(leaf, [(0, size - total)] + [(0, 0)] * (leaf.ndim - 1)), inputs)
 
 
-def steps(
-    filter_: Any,
-    key: PRNGKeyArray,
-    state: Any,
-    inputs: StepInputs,
-    first: Int[Array, ""] | int,
-    count: Int[Array, ""] | int,
-    room: int = CHUNK,
-) -> tuple[Any, Any]:
-    """`count` ≤ `room` steps from `first`, and `room` infos of which so many are filled.
-
-    The length is traced, so the last chunk needs no second compilation.
-    """
-
-    def step(index: Int[Array, ""], carry: tuple[Any, Any]) -> tuple[Any, Any]:
-        state, infos = carry
-        now = jax.tree.map(lambda leaf: leaf[first + index], inputs)
-        state, info = filter_.step(jax.random.fold_in(key, state.num_steps), state, now)
-        return state, jax.tree.map(lambda rows, row: rows.at[index].set(row), infos, info)
-
-    return jax.lax.fori_loop(0, count, step, (state, filter_.blank_infos(room)))
+@functools.cache
+def _program(tuned: bool) -> Callable[..., tuple[Any, Any]]:
+    """`run_steps` over one chunk, compiled once per process, so that equal sizes share it."""
+    return jax.jit(
+        functools.partial(run_steps, length=CHUNK),
+        donate_argnums=(3,),
+        compiler_options=compiler_options() if tuned else None,
+    )
 
 
 def _progress_bar(total: int, label: str):

@@ -6,26 +6,36 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float64, Int
 
+from jaxslam.config.localization import LocalizationConfig
+from jaxslam.config.slam import SlamConfig
 from jaxslam.config.thinning import Thinning
 from jaxslam.core import se2
 from jaxslam.core.trajectory import interpolate_poses
 from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
+from jaxslam.fusion.fuse import FusedMotion
+from jaxslam.fusion.imu import YawTrack
 from jaxslam.io.log import LogError, SensorLog
+from jaxslam.preprocess.deskew import SweepTiming
 
 
 @dataclass(frozen=True)
-class PreparedInputs:
-    """A log made ready for a filter.
+class PreparedScans:
+    """The scans of a log, thinned, corrected and paired with odometry: what a filter runs over.
 
     Attributes:
         inputs: leaves stacked over the `T` processed scans.
         pose0: `[3]` odometry pose at the first scan.
         stamps: `[T]` seconds, stamps of the processed scans.
-        scan_index: `[T]` which scans of the log they are.
-        all_index: `[S]` the scans of the log that lie within the odometry.
+        scan_index: `[T]` indices of the processed scans in the log.
+        all_index: `[S]` indices of the scans that lie within the odometry.
         all_stamps: `[S]` their stamps.
         all_odometry: `[S, 3]` odometry pose at each of them.
-        odometry_bounds: `[2, 2]` lower and upper corner of the odometry path, metres.
+        odometry_bounds: `[2, 2]` lower and upper corner of the odometry path, meters.
+        num_scans: number of scans in the log.
+        config: the configuration that they were prepared for, complete; None if there was none.
+        timing: of the scans relative to the odometry; None if the log does not show it.
+        fused: odometry fused with the IMU at the processed scans; None if the wheels alone were used.
+        yaw: how the IMU was read for that.
     """
 
     inputs: StepInputs
@@ -36,25 +46,34 @@ class PreparedInputs:
     all_stamps: Float64[np.ndarray, "S"]
     all_odometry: Float64[np.ndarray, "S 3"]
     odometry_bounds: Float64[np.ndarray, "2 2"]
+    num_scans: int = 0
+    config: SlamConfig | LocalizationConfig | None = None
+    timing: SweepTiming | None = None
+    fused: FusedMotion | None = None
+    yaw: YawTrack | None = None
 
     def __repr__(self) -> str:
         width, height = self.odometry_bounds[1] - self.odometry_bounds[0]
-        scans = f"{len(self.stamps)} of {len(self.all_stamps)} scans of {self.inputs.scan.num_beams} beams"
-        return f"PreparedInputs({scans}, odometry within {width:.1f} × {height:.1f} m)"
+        parts = [
+            f"{len(self.stamps)} of {self.num_scans} scans of {self.inputs.scan.num_beams} beams",
+            f"odometry within {width:.1f} × {height:.1f} m",
+        ]
+        parts += [f"fused with {self.fused.readings['imu']} IMU readings"] if self.fused is not None else []
+        return f"PreparedScans({', '.join(parts)})"
 
 
-def prepare_inputs(
+def pair_scans(
     log: SensorLog, thinning: Thinning, range_limits: tuple[float, float] = (0.0, float("inf"))
-) -> PreparedInputs:
-    """Thins the scans by motion and pairs each with the odometry since the one before.
+) -> PreparedScans:
+    """Thin the scans by motion and pair each with the odometry since the one before.
 
     Args:
         log: needs scans and odometry.
         thinning: which scans are processed.
-        range_limits: shortest and longest range, metres, that counts as a return of this lidar.
+        range_limits: shortest and longest range that counts as a return, meters.
 
     Raises:
-        LogError: without scans or odometry, or where the two do not overlap in time.
+        LogError: the log has no scans or no odometry, or the two do not overlap in time.
     """
     if log.scans is None or len(log.scans.stamps) == 0:
         raise LogError(f"{log.path}: no laser scans in it, so there is nothing to map (see `jaxslam info`)")
@@ -98,7 +117,7 @@ def prepare_inputs(
         ),
     )
     positions = odometry.poses[:, :2]
-    return PreparedInputs(
+    return PreparedScans(
         inputs=inputs,
         pose0=kept_poses[0],
         stamps=stamps,
@@ -107,6 +126,7 @@ def prepare_inputs(
         all_stamps=scans.stamps[candidates],
         all_odometry=poses,
         odometry_bounds=np.stack([positions.min(axis=0), positions.max(axis=0)]),
+        num_scans=len(scans.stamps),
     )
 
 

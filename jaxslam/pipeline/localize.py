@@ -2,15 +2,23 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
+import jax
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int, PRNGKeyArray
 
 from jaxslam.core import se2
 from jaxslam.core.flags import Flag
+from jaxslam.grid.known_map import KnownMap
 from jaxslam.localization import AMCL, AMCLInfo, AMCLState
-from jaxslam.pipeline.chunks import CHUNK, advance
-from jaxslam.pipeline.inputs import PreparedInputs
+from jaxslam.localization.start import start_at
+from jaxslam.pipeline.chunks import CHUNK, run_in_chunks
+from jaxslam.pipeline.inputs import PreparedScans
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _MOVED, _TURNED = 1.0, np.pi / 6
 """An estimate that jumps so far, metres or radians, past what the odometry says has settled elsewhere."""
@@ -44,10 +52,11 @@ class LocalizationResult:
     """What a localisation leaves behind.
 
     Attributes:
-        stamps: `[T]` seconds, processed scans.
+        scans: the scans that were used, and their configuration.
+        map: the known map.
+        scored_beams: beams of a scan that the sensor model scores, at most.
         estimates: `[T, 3]` the heaviest cluster at them (m, m, rad, world frame).
         covariances: `[T, 3, 3]` its covariance (m², m·rad, rad²).
-        all_stamps: `[S]` seconds, every scan.
         all_poses: `[S, 3]` pose at every scan: the last processed one's, carried on by odometry. No later
             scan is looked at: it is what a robot would have known there and then.
         particles: `[n, 3]` those that live at the end.
@@ -58,10 +67,11 @@ class LocalizationResult:
         run_s: seconds spent running, compilation apart.
     """
 
-    stamps: Float64[np.ndarray, "T"]
+    scans: PreparedScans
+    map: KnownMap
+    scored_beams: int
     estimates: Float64[np.ndarray, "T 3"]
     covariances: Float64[np.ndarray, "T 3 3"]
-    all_stamps: Float64[np.ndarray, "S"]
     all_poses: Float64[np.ndarray, "S 3"]
     particles: Float64[np.ndarray, "n 3"]
     weights: Float64[np.ndarray, "n"]
@@ -80,6 +90,44 @@ class LocalizationResult:
         ]
         parts += [f"{len(self.warnings)} warnings"] if self.warnings else []
         return f"LocalizationResult({', '.join(parts)})"
+
+    def _repr_html_(self) -> str:
+        from jaxslam.viz.notebook import localization_html
+
+        return localization_html(self)
+
+    def _repr_png_(self) -> bytes:
+        from jaxslam.viz.notebook import localization_png
+
+        return localization_png(self)
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw the map, the path where the particles agreed, and the last particles; needs matplotlib."""
+        from jaxslam.viz.localization import plot_localization
+
+        return plot_localization(self, ax)
+
+    def save(self, folder: Path | str) -> Path:
+        """Write trajectory, pictures, metrics and configuration into a folder; needs the extra `cli`.
+
+        The folder is made if it does not exist. Files in it are overwritten.
+
+        Returns:
+            The path of `cloud.png`.
+        """
+        from jaxslam.report.localization_folder import save_localization
+
+        return save_localization(self, Path(folder))
+
+    @property
+    def stamps(self) -> Float64[np.ndarray, "T"]:
+        """Seconds, processed scans."""
+        return self.scans.stamps
+
+    @property
+    def all_stamps(self) -> Float64[np.ndarray, "S"]:
+        """Seconds, every scan."""
+        return self.scans.all_stamps
 
     @property
     def agreed(self) -> Bool[np.ndarray, "T"]:
@@ -149,61 +197,73 @@ def settled_elsewhere(
 
 def localize_log(
     amcl: AMCL,
+    scans: PreparedScans,
     key: PRNGKeyArray,
-    state: AMCLState,
-    prepared: PreparedInputs,
+    start: tuple[float, float, float] | None = None,
     *,
+    deviations: tuple[float, float] = (0.5, 0.26),
     progress: bool = False,
     on_chunk: Callable[[Cloud], None] | None = None,
 ) -> LocalizationResult:
-    """Runs the filter over a prepared log on the host: same result as `jaxslam.localization.run`.
+    """Localize a robot on a known map.
 
     Args:
-        amcl: the filter.
+        amcl: the filter, from `prepare_localization`.
+        scans: the scans, from `prepare_localization`.
         key: PRNG key; same key, same bytes.
-        state: from `start_at`, `AMCL.init` or `AMCL.init_global`; it is consumed.
-        prepared: from `prepare_inputs`.
+        start: start pose (m, m, rad, world frame); None searches the whole map.
+        deviations: standard deviations of the start's x and y, meters, and of its heading, radians.
         progress: show a progress bar on stderr (needs tqdm).
-        on_chunk: called with the state of affairs every few scans.
-    """
+        on_chunk: called with the particles every few scans.
 
-    def look(state: AMCLState, infos: list[AMCLInfo]) -> None:
+    Raises:
+        ValueError: the start is not on the map, or not in its free space.
+    """
+    # This index is not one of the steps, which count from 0.
+    key_start = jax.random.fold_in(key, 2**32 - 1)
+    if start is None:
+        state = jax.jit(AMCL.init_global)(amcl, key_start)
+    else:
+        state = start_at(amcl, key_start, start, deviations)
+
+    def report(state: AMCLState, infos: list[AMCLInfo]) -> None:
         if on_chunk is not None:
             estimates = np.concatenate([info.estimate.mean for info in infos]).astype(float)
-            stamp = float(prepared.stamps[len(estimates) - 1])
-            on_chunk(Cloud(estimates, *_living(state), stamp))
+            stamp = float(scans.stamps[len(estimates) - 1])
+            on_chunk(Cloud(estimates, *_active(state), stamp))
 
-    advanced = advance(
+    finished = run_in_chunks(
         amcl,
+        scans.inputs,
         key,
         state,
-        prepared.inputs,
         tuned=False,
-        progress="localising" if progress else None,
-        look=look,
+        progress="localizing" if progress else None,
+        on_chunk=report,
         every=CHUNK if on_chunk is None else _CLOUD_EVERY,
     )
-    estimates = advanced.infos.estimate.mean.astype(float)
-    last = np.searchsorted(prepared.scan_index, prepared.all_index, side="right") - 1
-    odometry = prepared.all_odometry[np.searchsorted(prepared.all_index, prepared.scan_index)]
-    since = se2.relative(odometry[last], prepared.all_odometry)
-    particles, weights = _living(advanced.state)
+    estimates = finished.infos.estimate.mean.astype(float)
+    last = np.searchsorted(scans.scan_index, scans.all_index, side="right") - 1
+    odometry = scans.all_odometry[np.searchsorted(scans.all_index, scans.scan_index)]
+    since = se2.relative(odometry[last], scans.all_odometry)
+    particles, weights = _active(finished.state)
     return LocalizationResult(
-        stamps=prepared.stamps,
+        scans=scans,
+        map=amcl.map,
+        scored_beams=amcl.sensor.max_beams,
         estimates=estimates,
-        covariances=advanced.infos.estimate.covariance.astype(float),
-        all_stamps=prepared.all_stamps,
+        covariances=finished.infos.estimate.covariance.astype(float),
         all_poses=se2.compose(estimates[last], since),
         particles=particles,
         weights=weights,
-        infos=advanced.infos,
+        infos=finished.infos,
         odometry=odometry,
-        compile_s=advanced.compile_s,
-        run_s=advanced.run_s,
+        compile_s=finished.compile_s,
+        run_s=finished.run_s,
     )
 
 
-def _living(state: AMCLState) -> tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, "n"]]:
-    count = int(state.num_live)
+def _active(state: AMCLState) -> tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, "n"]]:
+    count = int(state.num_particles)
     weights: Float32[np.ndarray, "n"] = np.exp(np.asarray(state.log_weights)[:count])
     return np.asarray(state.poses, float)[:count], weights.astype(float)

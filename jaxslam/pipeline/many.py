@@ -18,8 +18,8 @@ from jaxslam.config.dotted import flatten, update
 from jaxslam.core.flags import Flag
 from jaxslam.core.types import StepInputs
 from jaxslam.grid.field import window_rows
-from jaxslam.pipeline.chunks import padded, steps
-from jaxslam.pipeline.inputs import PreparedInputs
+from jaxslam.pipeline.chunks import pad_inputs, run_steps
+from jaxslam.pipeline.inputs import PreparedScans
 from jaxslam.slam.rbpf import RBPF, trajectory
 from jaxslam.xla.compiler import compiler_options
 from jaxslam.xla.resources import memory_of, physical_memory
@@ -75,9 +75,9 @@ class ManyResult:
 
 def run_many(
     slam: RBPF,
+    scans: PreparedScans | Sequence[PreparedScans],
     keys: Key[Array, "S"],
-    configs: Mapping[str, Any] | Sequence[RBPF] | None,
-    prepared: PreparedInputs | Sequence[PreparedInputs],
+    configs: Mapping[str, Any] | Sequence[RBPF] | None = None,
     *,
     maps: bool = False,
     together: int | None = None,
@@ -92,12 +92,12 @@ def run_many(
     anything else, there are two on two cores, and the runs are spread over them.
 
     Args:
-        slam: the filter, its maps sized for the inputs.
+        slam: the filter, its maps sized for the scans.
+        scans: what all runs process; or one for each key, as simulations of several seeds are.
         keys: `[S]` PRNG keys; the same key gives the run of `run_log`, but for rounding.
         configs: `C` values by dotted name, `{"sensor.sigma_hit": [0.05, 0.1]}`: all lists are of one
             length, and the c-th configuration has the c-th of each. Or `C` filters, which differ from each
             other in traced numbers only. None: `slam` alone.
-        prepared: what all runs go over; or one for each key, as simulations of several seeds are.
         maps: keep the best particle's map of every run.
         together: how many runs are vmapped on a device. None: 1 on a CPU, 16 on others.
         devices: to spread the runs over; None takes all of the default backend, of a CPU as many as there
@@ -112,7 +112,7 @@ def run_many(
         64 configurations and 10 keys are 640 runs: `trajectories` is `[64, 10, T, 3]`.
     """
     filters = _filters(slam, configs)
-    inputs = [prepared] if isinstance(prepared, PreparedInputs) else list(prepared)
+    inputs = [scans] if isinstance(scans, PreparedScans) else list(scans)
     if len(keys) == 0 or len(inputs) not in (1, len(keys)):
         raise ValueError(f"{len(keys)} keys and {len(inputs)} inputs: give one input, or one for each key")
     if slam.mesh is not None:
@@ -153,7 +153,7 @@ def run_many(
     call(calls[0], dataclasses.replace(over, lengths=jnp.zeros_like(over.lengths)))
     compile_s = time.perf_counter() - started
     started = time.perf_counter()
-    outcomes = [call(rows, over) for rows in _shown(calls, progress)]
+    outcomes = [call(rows, over) for rows in _with_progress(calls, progress)]
     run_s = time.perf_counter() - started
     return _result(outcomes, np.broadcast_to(over.lengths, len(keys)), len(filters), compile_s, run_s)
 
@@ -227,7 +227,7 @@ def _program(
             lambda leaf: leaf[run.which], (over.inputs, over.pose0, over.lengths)
         )
         state = run.slam.init(run.key, pose0)
-        state, infos = steps(run.slam, run.key, state, inputs, 0, count, room)
+        state, infos = run_steps(run.slam, inputs, run.key, state, count=count, length=room)
         best = jnp.argmax(state.log_weights)
         # Behind the end every particle is its own ancestor.
         slots = jnp.arange(run.slam.num_particles, dtype=jnp.int32)
@@ -291,13 +291,15 @@ def _structure(slam: RBPF) -> Any:
     return jax.tree.structure(slam)
 
 
-def _inputs(inputs: Sequence[PreparedInputs]) -> _Inputs:
+def _inputs(inputs: Sequence[PreparedScans]) -> _Inputs:
     """The inputs behind each other, all as long as the longest."""
     shapes = {each.inputs.scan.ranges.shape[1] for each in inputs}
     if len(shapes) > 1:
-        raise ValueError(f"inputs of {' and '.join(map(str, sorted(shapes)))} beams: they need one lidar")
+        raise ValueError(
+            f"all inputs must have the same number of beams, got {' and '.join(map(str, sorted(shapes)))}"
+        )
     longest = max((each.inputs for each in inputs), key=lambda each: len(each.scan.ranges))
-    room = len(padded(longest).scan.ranges)
+    room = len(pad_inputs(longest).scan.ranges)
     lengthened = [
         jax.tree.map(
             lambda leaf: np.pad(leaf, [(0, room - len(leaf))] + [(0, 0)] * (leaf.ndim - 1)), each.inputs
@@ -365,7 +367,7 @@ def _check_memory(
         )
 
 
-def _shown(calls: Int[np.ndarray, "n R 2"], progress: bool) -> Iterable[Int[np.ndarray, "R 2"]]:
+def _with_progress(calls: Int[np.ndarray, "n R 2"], progress: bool) -> Iterable[Int[np.ndarray, "R 2"]]:
     if not progress:
         return calls
     from tqdm import tqdm

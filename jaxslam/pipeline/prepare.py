@@ -1,65 +1,89 @@
-"""From a log and a configuration to a filter and what it runs over."""
+"""From a log and a configuration to a filter and the scans it runs over."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from jaxslam.config.lidar_presets import detect_lidar
+from jaxslam.config.localization import LocalizationConfig
 from jaxslam.config.slam import SlamConfig
-from jaxslam.fusion import Fused, YawTrack, tells_turning
+from jaxslam.fusion.imu import turning_is_known
 from jaxslam.io.log import SensorLog
-from jaxslam.motion import GaussianMotion
-from jaxslam.pipeline.build import build
+from jaxslam.io.map_server import OccupancyMap
+from jaxslam.localization.amcl import AMCL
+from jaxslam.motion.gaussian import GaussianMotion
+from jaxslam.pipeline.build import build_localizer, build_slam
 from jaxslam.pipeline.fusion import with_fused_odometry
-from jaxslam.pipeline.inputs import PreparedInputs, prepare_inputs
-from jaxslam.preprocess.deskew import SweepTiming
+from jaxslam.pipeline.inputs import PreparedScans, pair_scans
 from jaxslam.preprocess.ranges import correct_scans
 from jaxslam.range_network.network import RangeNetwork
 from jaxslam.slam.rbpf import RBPF
 
 
-@dataclass(frozen=True)
-class Prepared:
-    """All that `run_log` needs, and how it came about.
+def prepare(
+    log: SensorLog, config: SlamConfig | None = None, *, range_network: RangeNetwork | None = None
+) -> tuple[RBPF, PreparedScans]:
+    """Correct and thin the scans of a log, fuse odometry and IMU if asked to, and size the filter's maps.
 
-    Attributes:
-        slam: the filter, its maps sized for the log.
-        inputs: the log made ready for it.
-        timing: of the scans against the odometry; None where the log cannot tell.
-        fused: odometry and IMU at the processed scans; None where the wheels move the particles.
-        yaw: how the IMU was read for that.
-    """
+    Where odometry is fused, `GaussianMotion` moves the particles by the fused covariance.
 
-    slam: RBPF
-    inputs: PreparedInputs
-    timing: SweepTiming | None = None
-    fused: Fused | None = None
-    yaw: YawTrack | None = None
+    Args:
+        log: from `read_log` or the simulator.
+        config: None for the defaults. Without `config.lidar`, the preset is chosen by the log's scans.
+        range_network: corrects the ranges of every scan; it becomes a part of the filter.
 
-    def __repr__(self) -> str:
-        grid = self.slam.grid
-        maps = f"maps of {grid.width} × {grid.height} cells of {float(grid.resolution):.3g} m"
-        parts = [f"{self.slam.num_particles} particles", maps, repr(self.inputs)]
-        parts += [f"fused with {self.fused.readings['imu']} IMU readings"] if self.fused is not None else []
-        return f"Prepared({', '.join(parts)})"
-
-
-def prepare(log: SensorLog, configuration: SlamConfig, range_network: RangeNetwork | None = None) -> Prepared:
-    """Corrects and thins the scans, fuses odometry and IMU if asked to, and sizes the filter's maps.
-
-    Where odometry is fused, `GaussianMotion` moves the particles, by the fused covariance. A range
-    network, if given, becomes a part of the filter.
+    Returns:
+        The filter and the scans, for `run_log` and `run_many`.
 
     Raises:
         LogError: the log lacks what the configuration needs.
         ValueError: the maps would not fit into memory.
     """
-    log, timing = correct_scans(log, configuration.lidar)
-    inputs, fused, yaw = prepare_inputs(log, configuration.thinning), None, None
-    if _is_fused(log, configuration.fusion.use):
-        inputs, fused, yaw = with_fused_odometry(inputs, log, configuration.fusion)
-        if not isinstance(configuration.motion, GaussianMotion):
-            # The others know the noise of wheels, and not what the fused covariance says.
-            configuration = replace(configuration, motion=GaussianMotion())
-    return Prepared(build(configuration, inputs.odometry_bounds, range_network), inputs, timing, fused, yaw)
+    config = SlamConfig() if config is None else config
+    config, log, timing = _corrected(log, config)
+    scans = replace(pair_scans(log, config.thinning), timing=timing)
+    motion = config.motion
+    if _is_fused(log, config.fusion.use):
+        scans = with_fused_odometry(scans, log, config.fusion)
+        # The other models describe the noise of wheels; only this one uses the fused covariance.
+        motion = motion if isinstance(motion, GaussianMotion) else GaussianMotion()
+    slam = build_slam(replace(config, motion=motion), scans.odometry_bounds, range_network)
+    return slam, replace(scans, config=config)
+
+
+def prepare_localization(
+    log: SensorLog,
+    map: OccupancyMap,
+    config: LocalizationConfig | None = None,
+    *,
+    range_network: RangeNetwork | None = None,
+) -> tuple[AMCL, PreparedScans]:
+    """Correct and thin the scans of a log, and build the localizer on a map.
+
+    Args:
+        log: from `read_log` or the simulator.
+        map: from `jaxslam.io.read_map`.
+        config: None for the defaults. Without `config.lidar`, the preset is chosen by the log's scans.
+        range_network: corrects the ranges of every scan; it becomes a part of the filter.
+
+    Returns:
+        The filter and the scans, for `localize_log`.
+
+    Raises:
+        LogError: the log lacks scans or odometry.
+        ValueError: the map has no obstacle or no free space, or the filter would not fit into memory.
+    """
+    config = LocalizationConfig() if config is None else config
+    config, log, timing = _corrected(log, config)
+    localizer = build_localizer(config, map, range_network)
+    return localizer, replace(pair_scans(log, config.thinning), timing=timing, config=config)
+
+
+def _corrected(log: SensorLog, config):
+    """The configuration with its lidar, the log with its scans corrected, and what they were corrected by."""
+    if config.lidar is None:
+        config = config.with_lidar(detect_lidar(log))
+    corrected, timing = correct_scans(log, config.lidar)
+    return config, corrected, timing
 
 
 def _is_fused(log: SensorLog, use: str) -> bool:
-    return use == "on" or (use == "auto" and log.imu is not None and tells_turning(log.imu))
+    return use == "on" or (use == "auto" and log.imu is not None and turning_is_known(log.imu))

@@ -2,19 +2,31 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Float32, Float64, Int, Int8, PRNGKeyArray
+from jaxtyping import Bool, Float32, Float64, Int, Int8, PRNGKeyArray
 
 from jaxslam.core.flags import Flag
-from jaxslam.core.trajectory import poses_along
-from jaxslam.core.types import StepInputs
+from jaxslam.core.trajectory import interpolate_along_odometry
 from jaxslam.grid.spec import GridSpec
-from jaxslam.pipeline.chunks import Advanced, advance
-from jaxslam.pipeline.inputs import PreparedInputs
+from jaxslam.pipeline.chunks import run_in_chunks
+from jaxslam.pipeline.inputs import PreparedScans
 from jaxslam.slam.rbpf import RBPF, RBPFState, StepInfo
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_WARNINGS = {
+    Flag.OFF_MAP: "a particle reached the edge of the map, and nothing beyond it was mapped",
+    Flag.NONFINITE_WEIGHT: "particles with a NaN or infinite weight were dropped",
+    Flag.NONFINITE_POSE: "particles with a NaN or infinite pose were moved by odometry instead",
+    Flag.FEW_VALID_BEAMS: "scans had too few returns, so odometry alone moved the particles",
+    Flag.MATCH_FAILED: "a particle's map explained too little of the scan, so odometry alone moved it",
+}
 
 
 class SlamError(ValueError):
@@ -41,28 +53,24 @@ class Snapshot:
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run leaves behind.
+    """The result of a run; it draws itself in a notebook.
 
     Attributes:
-        stamps: `[T]` seconds, processed scans.
-        trajectory: `[T, 3]` poses of the best particle at them (m, m, rad).
-        all_stamps: `[S]` seconds, every scan.
-        all_poses: `[S, 3]` pose at every scan: where none was processed, odometry between those that were.
+        scans: the scans that were mapped, and their configuration.
+        trajectory: `[T, 3]` poses of the best particle at the processed scans (m, m, rad).
+        all_poses: `[S, 3]` pose at every scan; odometry connects the processed ones.
         log_odds: `[H, W]` map of the best particle, fixed point.
         grid: where that map lies.
         particles: `[N, 3]` final poses.
-        log_weights: `[N]` final, normalised.
-        infos: what every step left behind, NumPy arrays `[T, ...]`: particles, weights, effective sample
-            size, resamplings, flags.
-        compile_s: seconds spent compiling; next to none if a run of the same sizes has been before.
-        run_s: seconds spent running, compilation apart.
-        ms_per_scan: `run_s` per processed scan, milliseconds.
-        warnings: one line each.
+        log_weights: `[N]` final, normalized.
+        infos: the record of every step, NumPy arrays `[T, ...]`: particles, weights, effective sample size,
+            resamplings, flags.
+        compile_s: seconds spent compiling; almost none after an earlier run of the same sizes.
+        run_s: seconds spent running, without compilation.
     """
 
-    stamps: Float64[np.ndarray, "T"]
+    scans: PreparedScans
     trajectory: Float64[np.ndarray, "T 3"]
-    all_stamps: Float64[np.ndarray, "S"]
     all_poses: Float64[np.ndarray, "S 3"]
     log_odds: Int8[np.ndarray, "H W"]
     grid: GridSpec
@@ -71,8 +79,6 @@ class RunResult:
     infos: StepInfo
     compile_s: float
     run_s: float
-    ms_per_scan: float
-    warnings: tuple[str, ...]
 
     def __repr__(self) -> str:
         height, width = self.log_odds.shape
@@ -84,6 +90,66 @@ class RunResult:
         ]
         parts += [f"{len(self.warnings)} warnings"] if self.warnings else []
         return f"RunResult({', '.join(parts)})"
+
+    def _repr_html_(self) -> str:
+        from jaxslam.viz.notebook import run_html
+
+        return run_html(self)
+
+    def _repr_png_(self) -> bytes:
+        from jaxslam.viz.notebook import run_png
+
+        return run_png(self)
+
+    def plot(self, ax: "Axes | None" = None, *, truth: Any = None) -> "Axes":
+        """Draw the map, the path and the particles; needs matplotlib.
+
+        Args:
+            ax: axes to draw on; None for pyplot's current ones.
+            truth: the true or reference trajectory, drawn dashed: anything with `stamps` `[M]` and `poses`
+                `[M, 3]`, as `jaxslam.sim.drive` and `jaxslam.io.read_tum` return; its `walls`, if it has
+                any, are drawn too.
+        """
+        from jaxslam.viz.results import plot_run
+
+        return plot_run(self, ax, truth=truth)
+
+    def save(self, folder: Path | str) -> Path:
+        """Write map, trajectory, figures, metrics and configuration into a folder; needs the extra `cli`.
+
+        The folder is made if it does not exist. Files in it are overwritten.
+
+        Returns:
+            The path of `map.png`.
+        """
+        from jaxslam.report.folder import save_run
+
+        return save_run(self, Path(folder))
+
+    @property
+    def stamps(self) -> Float64[np.ndarray, "T"]:
+        """Seconds, processed scans."""
+        return self.scans.stamps
+
+    @property
+    def all_stamps(self) -> Float64[np.ndarray, "S"]:
+        """Seconds, every scan."""
+        return self.scans.all_stamps
+
+    @property
+    def ms_per_scan(self) -> float:
+        """`run_s` per processed scan, milliseconds."""
+        return 1e3 * self.run_s / len(self.stamps)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What went wrong in some of the steps, one line for each kind."""
+        counts = {flag: int(np.count_nonzero(self.flags & flag.value)) for flag in _WARNINGS}
+        return tuple(
+            f"{count} of {len(self.flags)} steps: {_WARNINGS[flag]}"
+            for flag, count in counts.items()
+            if count
+        )
 
     @property
     def ess(self) -> Float32[np.ndarray, "T"]:
@@ -101,87 +167,75 @@ class RunResult:
         return np.asarray(self.infos.flags)
 
 
-def run(
-    slam: RBPF, key: PRNGKeyArray, pose0: Float[Array, "3"], inputs: StepInputs
-) -> tuple[RBPFState, StepInfo]:
-    """The whole log as one `lax.scan`: jit it, vmap it over keys or over the floats of `slam`.
-
-    On the CPU it is the faster by a quarter if `compiler_options` of `jaxslam.xla.compiler` are given to `jit`.
-
-    Args:
-        slam: the filter.
-        key: PRNG key; step `t` uses `fold_in(key, t)`.
-        pose0: `[3]` start pose (m, m, rad, world frame).
-        inputs: leaves stacked over time, `[T, ...]`.
-
-    Returns:
-        The final state and the infos `[T, ...]`; `trajectory(infos, argmax(log_weights))` reads a path back.
-    """
-
-    def step(state: RBPFState, inputs: StepInputs) -> tuple[RBPFState, StepInfo]:
-        return slam.step(jax.random.fold_in(key, state.num_steps), state, inputs)
-
-    return jax.lax.scan(step, slam.init(key, pose0), inputs)
-
-
 def run_log(
     slam: RBPF,
+    scans: PreparedScans,
     key: PRNGKeyArray,
-    prepared: PreparedInputs,
     *,
     progress: bool = False,
     on_chunk: Callable[[Snapshot], None] | None = None,
     may_leave_map: bool = False,
 ) -> RunResult:
-    """Runs a filter over a prepared log on the host: same result as `run`, in chunks.
+    """Run a filter over the scans of a log.
 
     Args:
-        slam: the filter, its map sized for this log.
+        slam: the filter, from `prepare`.
+        scans: the scans, from `prepare`.
         key: PRNG key; same key, same bytes.
-        prepared: from `prepare_inputs`.
         progress: show a progress bar on stderr (needs tqdm).
-        on_chunk: called with the state of affairs every `jaxslam.pipeline.chunks.CHUNK` scans.
-        may_leave_map: go on at the edge of the map, and warn: for comparisons, in which a robot that is
-            lost is a figure and not the end.
+        on_chunk: called with the best particle every `jaxslam.pipeline.chunks.CHUNK` scans.
+        may_leave_map: continue at the edge of the map with a warning. Comparisons of methods need this: a
+            robot that is lost there counts as an error and does not end the run.
 
     Raises:
-        SlamError: if the robot leaves the map.
+        SlamError: the robot leaves the map.
     """
-    pose0 = jnp.asarray(prepared.pose0, jnp.float32)
 
-    def look(state: RBPFState, infos: list[StepInfo]) -> None:
+    def check(state: RBPFState, infos: list[StepInfo]) -> None:
         if not may_leave_map:
-            _raise_for_flags(infos, prepared)
+            _raise_for_flags(infos, scans)
         if on_chunk is not None:
             on_chunk(_snapshot(state, infos))
 
-    advanced = advance(
+    finished = run_in_chunks(
         slam,
+        scans.inputs,
         key,
-        jax.jit(RBPF.init)(slam, key, pose0),
-        prepared.inputs,
+        jax.jit(RBPF.init)(slam, key, jnp.asarray(scans.pose0, jnp.float32)),
         tuned=True,
         progress="mapping" if progress else None,
-        look=look,
+        on_chunk=check,
     )
-    return _result(slam, advanced, prepared)
+    best = _snapshot(finished.state, [finished.infos])
+    return RunResult(
+        scans=scans,
+        trajectory=best.trajectory,
+        all_poses=poses_at_every_scan(scans, best.trajectory),
+        log_odds=best.log_odds,
+        grid=slam.grid,
+        particles=best.particles,
+        log_weights=np.asarray(finished.state.log_weights),
+        infos=finished.infos,
+        compile_s=finished.compile_s,
+        run_s=finished.run_s,
+    )
 
 
 def poses_at_every_scan(
-    prepared: PreparedInputs, trajectory: Float64[np.ndarray, "T 3"]
+    scans: PreparedScans, trajectory: Float64[np.ndarray, "T 3"]
 ) -> Float64[np.ndarray, "S 3"]:
     """Poses at every scan of the log: odometry carries on between those that were processed."""
-    processed = np.searchsorted(prepared.all_index, prepared.scan_index)
-    return poses_along(prepared.all_odometry, processed, trajectory)
+    processed = np.searchsorted(scans.all_index, scans.scan_index)
+    return interpolate_along_odometry(scans.all_odometry, processed, trajectory)
 
 
-def _raise_for_flags(infos: list[StepInfo], prepared: PreparedInputs) -> None:
+def _raise_for_flags(infos: list[StepInfo], scans: PreparedScans) -> None:
     off_map = np.flatnonzero(infos[-1].flags & Flag.OFF_MAP.value)
     if off_map.size:
         step = sum(len(info.flags) for info in infos[:-1]) + off_map[0]
-        stamp = prepared.stamps[step]
+        stamp = scans.stamps[step]
         raise SlamError(
-            f"the robot reached the edge of the map at scan {prepared.scan_index[step]} "
+            f"the robot reached the edge of the map at scan {scans.scan_index[step]} "
             f"(t = {stamp:.3f} s): enlarge it with --map-margin (metres around the odometry's path)"
         )
 
@@ -203,37 +257,3 @@ def _read_back(infos: list[StepInfo], best: int) -> Float64[np.ndarray, "t 3"]:
         slot = ancestors[step, slot]
         path[step] = poses[step, slot]
     return path
-
-
-def _result(slam: RBPF, advanced: Advanced, prepared: PreparedInputs) -> RunResult:
-    state, infos = advanced.state, advanced.infos
-    snapshot = _snapshot(state, [infos])
-    return RunResult(
-        stamps=prepared.stamps,
-        trajectory=snapshot.trajectory,
-        all_stamps=prepared.all_stamps,
-        all_poses=poses_at_every_scan(prepared, snapshot.trajectory),
-        log_odds=snapshot.log_odds,
-        grid=slam.grid,
-        particles=snapshot.particles,
-        log_weights=np.asarray(state.log_weights),
-        infos=infos,
-        compile_s=advanced.compile_s,
-        run_s=advanced.run_s,
-        ms_per_scan=1e3 * advanced.run_s / len(infos.flags),
-        warnings=_warnings(infos.flags),
-    )
-
-
-def _warnings(flags: Int[np.ndarray, "T"]) -> tuple[str, ...]:
-    messages = {
-        Flag.OFF_MAP: "a particle reached the edge of the map, and nothing beyond it was mapped",
-        Flag.NONFINITE_WEIGHT: "particles with a NaN or infinite weight were dropped",
-        Flag.NONFINITE_POSE: "particles with a NaN or infinite pose were put back to the odometry",
-        Flag.FEW_VALID_BEAMS: "scans had too few returns, so odometry alone moved the particles",
-        Flag.MATCH_FAILED: "a particle's map explained too little of the scan, so odometry alone moved it",
-    }
-    counts = {flag: int(np.count_nonzero(flags & flag.value)) for flag in messages}
-    return tuple(
-        f"{counts[flag]} of {len(flags)} steps: {messages[flag]}" for flag in messages if counts[flag]
-    )

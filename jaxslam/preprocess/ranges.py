@@ -1,15 +1,24 @@
-"""x"""
+"""Correct the ranges of a log: the interval of the lidar and the motion during a scan."""
 
 import dataclasses
+from typing import Any, Protocol
 
 import numpy as np
 
-from jaxslam.config.lidar import LidarSettings
 from jaxslam.io.log import SensorLog
 from jaxslam.preprocess.deskew import SweepTiming, at_rest, sweep_timing
 
 
-def correct_scans(log: SensorLog, lidar: LidarSettings) -> tuple[SensorLog, SweepTiming | None]:
+class LidarRanges(Protocol):
+    """The part of `LidarSettings` that the correction needs; this module imports no JAX."""
+
+    min_range: Any
+    max_range: Any
+    turn_time: Any
+    max_lag: Any
+
+
+def correct_scans(log: SensorLog, lidar: LidarRanges) -> tuple[SensorLog, SweepTiming | None]:
     """The log with its scans as a lidar at rest, that reports what it can see, would have taken them.
 
     Returns:
@@ -21,7 +30,7 @@ def correct_scans(log: SensorLog, lidar: LidarSettings) -> tuple[SensorLog, Swee
     return (log if timing is None else at_rest(log, timing)), timing
 
 
-def _within_range(log: SensorLog, lidar: LidarSettings) -> SensorLog:
+def _within_range(log: SensorLog, lidar: LidarRanges) -> SensorLog:
     """Drivers often state a far larger maximum than the sensor has and pass its ghosts on."""
     if log.scans is None:
         return log

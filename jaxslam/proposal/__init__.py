@@ -1,6 +1,6 @@
 """Proposals: where a filter's particles go."""
 
-from jaxslam.proposal.base import AbstractProposal, Proposed
+from jaxslam.proposal.base import AbstractProposal, ProposalContext, ProposalResult
 from jaxslam.proposal.fruit_fly import FruitFlyProposal
 from jaxslam.proposal.gaussian import GaussianProposal
 from jaxslam.proposal.matched import MatchedProposal
@@ -12,5 +12,6 @@ __all__ = [
     "GaussianProposal",
     "MatchedProposal",
     "MotionProposal",
-    "Proposed",
+    "ProposalContext",
+    "ProposalResult",
 ]

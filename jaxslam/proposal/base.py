@@ -1,24 +1,51 @@
-"""What a proposal is."""
+"""The contract of a proposal."""
 
 import abc
+import dataclasses
 
 import equinox as eqx
 import jax
 from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
-from jaxslam.core.types import StepInputs
+from jaxslam.core.types import LidarScan, OdometryIncrement
 from jaxslam.grid.field import Field
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.sensor.base import AbstractSensorModel
 
 
-class Proposed(eqx.Module):
-    """One particle's move.
+class ProposalContext(eqx.Module):
+    """Everything that one step gives a proposal besides the pose.
+
+    Attributes:
+        odometry: u_t, the motion since the last step.
+        scan: z_t.
+        field: distance field of the particle's own map around its predicted pose.
+        motion: p(x_t | x_{t−1}, u_t).
+        sensor: p(z_t | x_t, m).
+    """
+
+    odometry: OdometryIncrement
+    scan: LidarScan
+    field: Field
+    motion: AbstractMotionModel
+    sensor: AbstractSensorModel
+
+    def with_field(self, field: Field) -> "ProposalContext":
+        """Return the context of another particle: all but the map is shared."""
+        return dataclasses.replace(self, field=field)
+
+    def log_likelihood(self, pose: Float[Array, "3"]) -> Float[Array, ""]:
+        """Return log p(z | x, m) at a pose `[3]` (m, m, rad, world frame)."""
+        return self.sensor.log_prob(self.field, self.scan, pose)
+
+
+class ProposalResult(eqx.Module):
+    """The move of one particle.
 
     Attributes:
         pose: `[3]` the new base pose (m, m, rad, world frame).
-        log_likelihood: log p(z | x, m) by the sensor model at that pose, which most proposals look at anyway.
-        log_ratio: log p(x | x_prev, u) − log q(x), what the weight needs beside it.
+        log_likelihood: log p(z | x, m) of the sensor model at that pose; most proposals compute it anyway.
+        log_ratio: log p(x | x_prev, u) − log q(x), which the weight needs in addition.
         flags: `jaxslam.core.flags.Flag` bits, int32.
     """
 
@@ -32,35 +59,29 @@ class AbstractProposal(eqx.Module):
     """q(x_t | x_{t−1}, u_t, z_t, m) for one particle."""
 
     @abc.abstractmethod
-    def sample(
-        self,
-        key: PRNGKeyArray,
-        pose: Float[Array, "3"],
-        inputs: StepInputs,
-        field: Field,
-        motion: AbstractMotionModel,
-        sensor: AbstractSensorModel,
-    ) -> Proposed:
-        """Draws the next pose. Vmap over particles with `in_axes=(0, 0, None, 0, None, None)`.
+    def sample(self, key: PRNGKeyArray, pose: Float[Array, "3"], context: ProposalContext) -> ProposalResult:
+        """Draw the next pose of one particle.
 
         Args:
             key: PRNG key.
-            pose: `[3]` pose before the step.
-            inputs: odometry since then and the scan.
-            field: the particle's own map around it, prepared.
-            motion: p(x | x_prev, u).
-            sensor: p(z | x, m).
+            pose: `[3]` pose before the step (m, m, rad, world frame).
+            context: odometry, scan, the particle's map, motion model and sensor model.
         """
 
     def sample_all(
-        self,
-        keys: Key[Array, "N"],
-        poses: Float[Array, "N 3"],
-        inputs: StepInputs,
-        fields: Field,
-        motion: AbstractMotionModel,
-        sensor: AbstractSensorModel,
-    ) -> Proposed:
-        """Draws for all particles, leaves `[N, ...]`; for proposals whose particles know of each other."""
-        each = jax.vmap(self.sample, (0, 0, None, 0, None, None))
-        return each(keys, poses, inputs, fields, motion, sensor)
+        self, keys: Key[Array, "N"], poses: Float[Array, "N 3"], context: ProposalContext
+    ) -> ProposalResult:
+        """Draw for all particles; the leaves of the result are `[N, ...]`.
+
+        Override this method in a proposal whose particles depend on each other.
+
+        Args:
+            keys: `[N]` PRNG keys.
+            poses: `[N, 3]` poses before the step.
+            context: as for `sample`, with the fields of all particles, leaves `[N, ...]`.
+        """
+
+        def sample(key: PRNGKeyArray, pose: Float[Array, "3"], field: Field) -> ProposalResult:
+            return self.sample(key, pose, context.with_field(field))
+
+        return jax.vmap(sample)(keys, poses, context.field)

@@ -6,7 +6,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Key, PRNGKeyArray
 
 from jaxslam.core import se2
-from jaxslam.core.types import StepInputs
 from jaxslam.core.validation import require_at_least_zero, require_one_of
 from jaxslam.grid.field import DistanceField, Field
 from jaxslam.lidar.beams import ScanPoints, scan_points
@@ -15,12 +14,10 @@ from jaxslam.matching.gauss_newton import PosePrior
 from jaxslam.matching.heading import HeadingSearch
 from jaxslam.matching.icp import ICP
 from jaxslam.matching.swarm import FruitFlies
-from jaxslam.motion.base import AbstractMotionModel
-from jaxslam.proposal.base import AbstractProposal, Proposed
+from jaxslam.proposal.base import AbstractProposal, ProposalContext, ProposalResult
 from jaxslam.proposal.pose_gaussian import PosesAround
-from jaxslam.proposal.posterior import Candidate, Judge, better, settle, share_explained, turned_to_map
+from jaxslam.proposal.posterior import Candidate, PosePosterior, align_heading, best_of, finalize
 from jaxslam.proposal.prior import PriorTrust
-from jaxslam.sensor.base import AbstractSensorModel
 from jaxslam.xla.control_flow import run_if
 
 
@@ -55,7 +52,7 @@ class FruitFlyProposal(AbstractProposal):
         flies: the swarm, from the best so far.
         search: wider search, run where fewer than `lost_below` of the beams meet the map.
         prior: how much the motion model is trusted.
-        prior_score: what that prior counts for where candidates are compared.
+        prior_weight: what that prior counts for where candidates are compared.
         step_translation: scale of a fly's step, metres.
         step_rotation: and in heading, radians.
         reach_translation: flies stay within so many metres of where they set out, along x and y.
@@ -87,7 +84,7 @@ class FruitFlyProposal(AbstractProposal):
     flies: FruitFlies = FruitFlies()
     search: CorrelativeSearch = CorrelativeSearch()
     prior: PriorTrust = PriorTrust()
-    prior_score: float | Float[Array, ""] = 0.3
+    prior_weight: float | Float[Array, ""] = 0.3
     step_translation: float | Float[Array, ""] = 0.03
     step_rotation: float | Float[Array, ""] = 0.02
     reach_translation: float | Float[Array, ""] = 0.5
@@ -111,43 +108,34 @@ class FruitFlyProposal(AbstractProposal):
         require_one_of(self, "weight", ("likelihood", "density"))
         require_one_of(self, "swarm", ("own", "particles"))
 
-    def sample(
-        self,
-        key: PRNGKeyArray,
-        pose: Float[Array, "3"],
-        inputs: StepInputs,
-        field: Field,
-        motion: AbstractMotionModel,
-        sensor: AbstractSensorModel,
-    ) -> Proposed:
+    def sample(self, key: PRNGKeyArray, pose: Float[Array, "3"], context: ProposalContext) -> ProposalResult:
         """Draws, looks round, aligns, searches if lost, lets the flies out, and keeps the best."""
-        aligned = self._align(key, pose, inputs, field, motion, sensor)
+        aligned = self._align(key, pose, context)
         found = aligned.best.pose
         if self.use_flies:
-            beams = scan_points(inputs.scan, self.fly_beams)
-            found = self.fly(jax.random.fold_in(key, 1), field.fine, beams, aligned.prior, found)
-        return self._finish(jax.random.fold_in(key, 2), aligned, found, pose, inputs, field, motion, sensor)
+            beams = scan_points(context.scan, self.fly_beams)
+            found = self.fly(jax.random.fold_in(key, 1), context.field.fine, beams, aligned.prior, found)
+        return self._finish(jax.random.fold_in(key, 2), aligned, found, pose, context)
 
     def sample_all(
         self,
         keys: Key[Array, "N"],
         poses: Float[Array, "N 3"],
-        inputs: StepInputs,
-        fields: Field,
-        motion: AbstractMotionModel,
-        sensor: AbstractSensorModel,
-    ) -> Proposed:
+        context: ProposalContext,
+    ) -> ProposalResult:
         """Each particle with a swarm of its own, or all of them as one swarm."""
         if self.swarm == "own" or not self.use_flies:
-            each = jax.vmap(self.sample, (0, 0, None, 0, None, None))
-            return each(keys, poses, inputs, fields, motion, sensor)
-        align = jax.vmap(self._align, (0, 0, None, 0, None, None))
-        aligned = align(keys, poses, inputs, fields, motion, sensor)
-        beams = scan_points(inputs.scan, self.fly_beams)
+            return AbstractProposal.sample_all(self, keys, poses, context)
+
+        def align(key: PRNGKeyArray, pose: Float[Array, "3"], field: Field) -> _Aligned:
+            return self._align(key, pose, context.with_field(field))
+
+        aligned = jax.vmap(align)(keys, poses, context.field)
+        beams = scan_points(context.scan, self.fly_beams)
 
         def fitness(positions: Float[Array, "N 3"]) -> Float[Array, "N"]:
             each = jax.vmap(self._fitness, (0, None, 0, 0))
-            return each(fields.fine, beams, aligned.prior, positions)
+            return each(context.field.fine, beams, aligned.prior, positions)
 
         # Headings are crossed: none may lie beyond ±π from another.
         starts = aligned.best.pose
@@ -156,8 +144,17 @@ class FruitFlyProposal(AbstractProposal):
         key_flies = jax.random.fold_in(keys[0], 1)
         found = self.flies.maximise_each(fitness, key_flies, starts, *self._steps_and_bounds(starts)).position
         keys = jax.vmap(jax.random.fold_in, (0, None))(keys, 2)
-        finish = jax.vmap(self._finish, (0, 0, 0, 0, None, 0, None, None))
-        return finish(keys, aligned, found, poses, inputs, fields, motion, sensor)
+
+        def finish(
+            key: PRNGKeyArray,
+            aligned: _Aligned,
+            found: Float[Array, "3"],
+            pose: Float[Array, "3"],
+            field: Field,
+        ) -> ProposalResult:
+            return self._finish(key, aligned, found, pose, context.with_field(field))
+
+        return jax.vmap(finish)(keys, aligned, found, poses, context.field)
 
     def fly(
         self,
@@ -182,31 +179,24 @@ class FruitFlyProposal(AbstractProposal):
 
         return self.flies.maximise(fitness, key, start, *self._steps_and_bounds(start)).position
 
-    def _align(
-        self,
-        key: PRNGKeyArray,
-        pose: Float[Array, "3"],
-        inputs: StepInputs,
-        field: Field,
-        motion: AbstractMotionModel,
-        sensor: AbstractSensorModel,
-    ) -> _Aligned:
+    def _align(self, key: PRNGKeyArray, pose: Float[Array, "3"], context: ProposalContext) -> _Aligned:
         """From a draw of the motion model into the likely region, tobacco (12)–(15)."""
-        drawn = motion.sample(key, pose, inputs.odometry)
-        prior = self.prior.about(motion, inputs.odometry, drawn)
-        judge = Judge(field, inputs.scan, sensor, prior, self.prior_score)
-        ends = scan_points(inputs.scan, self.max_beams)
-        turned = turned_to_map(self.heading, field, ends, motion, inputs.odometry, pose, drawn)
-        start, aligned = judge.pair(drawn, self._icp(field, ends, turned))
-        best = better(start, aligned)
+        field = context.field
+        drawn = context.motion.sample(key, pose, context.odometry)
+        prior = self.prior.around(context.motion, context.odometry, drawn)
+        posterior = PosePosterior(context, prior, self.prior_weight)
+        ends = scan_points(context.scan, self.max_beams)
+        turned = align_heading(self.heading, context, ends, pose, drawn)
+        start, aligned = posterior.evaluate_pair(drawn, self._icp(field, ends, turned))
+        best = best_of(start, aligned)
         enough = jnp.sum(ends.valid, dtype=jnp.float32) >= self.min_valid_beams
-        lost = enough & (share_explained(field.fine, ends, best.pose) < self.lost_below)
+        lost = enough & (field.fine.inlier_ratio(ends, best.pose) < self.lost_below)
 
         def search(best: Candidate) -> Candidate:
             # From the carry and not from the draw: what does not change in a loop, XLA computes before it.
             found = self.search.search(field, ends, best.pose, prior)
-            one, other = judge.pair(found, self._icp(field, ends, found))
-            return better(better(best, one), other)
+            one, other = posterior.evaluate_pair(found, self._icp(field, ends, found))
+            return best_of(best_of(best, one), other)
 
         return _Aligned(start, run_if(lost, search, best), prior, enough, lost)
 
@@ -216,27 +206,24 @@ class FruitFlyProposal(AbstractProposal):
         aligned: _Aligned,
         found: Float[Array, "3"],
         pose: Float[Array, "3"],
-        inputs: StepInputs,
-        field: Field,
-        motion: AbstractMotionModel,
-        sensor: AbstractSensorModel,
-    ) -> Proposed:
+        context: ProposalContext,
+    ) -> ProposalResult:
         """The pose that a particle goes to, and what the weight needs."""
-        judge = Judge(field, inputs.scan, sensor, aligned.prior, self.prior_score)
-        ends = scan_points(inputs.scan, self.max_beams)
+        posterior = PosePosterior(context, aligned.prior, self.prior_weight)
+        ends = scan_points(context.scan, self.max_beams)
         best = aligned.best
         if self.use_flies:
-            polished = self._icp(field, ends, found) if self.polish else found
-            best = better(best, judge.candidate(polished))
+            polished = self._icp(context.field, ends, found) if self.polish else found
+            best = best_of(best, posterior.evaluate(polished))
         if self.weight == "likelihood":
-            return settle(aligned.drawn, best, aligned.enough, aligned.lost)
+            return finalize(aligned.drawn, best, aligned.enough, aligned.lost)
         key_fit, key_draw = jax.random.split(key)
-        around = self.around.fit(
-            key_fit, lambda x: self.sharpness * judge.candidate(x).score, best.pose, ends
+        around = self.around.fit(key_fit, lambda x: self.sharpness * posterior.log_prob(x), best.pose, ends)
+        sampled = posterior.evaluate(around.sample(key_draw))
+        log_ratio = context.motion.log_prob(sampled.pose, pose, context.odometry) - around.log_prob(
+            sampled.pose
         )
-        sampled = judge.candidate(around.sample(key_draw))
-        log_ratio = motion.log_prob(sampled.pose, pose, inputs.odometry) - around.log_prob(sampled.pose)
-        return settle(aligned.drawn, sampled, aligned.enough, aligned.lost, log_ratio / self.sharpness)
+        return finalize(aligned.drawn, sampled, aligned.enough, aligned.lost, log_ratio / self.sharpness)
 
     def _icp(self, field: Field, ends: ScanPoints, start: Float[Array, "3"]) -> Float[Array, "3"]:
         return self.icp.match(field, ends, start).pose if self.use_icp else start
@@ -249,7 +236,7 @@ class FruitFlyProposal(AbstractProposal):
         on_map = jnp.exp(-0.5 * squared / self.sigma_hit**2)
         hit = jnp.sum(jnp.where(beams.valid & ~unseen, on_map, 0.0))
         share = hit / jnp.maximum(jnp.sum(beams.valid, dtype=jnp.float32), 1.0)
-        return self.scan_score * share + self.prior_score * prior.log_prob(pose)
+        return self.scan_score * share + self.prior_weight * prior.log_prob(pose)
 
     def _steps_and_bounds(
         self, starts: Float[Array, "*N 3"]

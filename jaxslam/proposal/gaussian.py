@@ -6,17 +6,12 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxslam.core import se2
 from jaxslam.core.flags import Flag
-from jaxslam.core.types import StepInputs
 from jaxslam.core.validation import require_at_least_zero
-from jaxslam.grid.field import Field
 from jaxslam.lidar.beams import scan_points
-from jaxslam.motion.base import AbstractMotionModel
-from jaxslam.proposal.base import AbstractProposal, Proposed
+from jaxslam.proposal.base import AbstractProposal, ProposalContext, ProposalResult
 from jaxslam.proposal.matched import MatchedProposal
 from jaxslam.proposal.pose_gaussian import PosesAround
-from jaxslam.proposal.posterior import share_explained
 from jaxslam.proposal.prior import PriorTrust
-from jaxslam.sensor.base import AbstractSensorModel
 
 
 class GaussianProposal(AbstractProposal):
@@ -52,40 +47,31 @@ class GaussianProposal(AbstractProposal):
     def __check_init__(self):
         require_at_least_zero(self, positive=("sharpness",))
 
-    def sample(
-        self,
-        key: PRNGKeyArray,
-        pose: Float[Array, "3"],
-        inputs: StepInputs,
-        field: Field,
-        motion: AbstractMotionModel,
-        sensor: AbstractSensorModel,
-    ) -> Proposed:
+    def sample(self, key: PRNGKeyArray, pose: Float[Array, "3"], context: ProposalContext) -> ProposalResult:
         """Matches, fits a Gaussian to the poses around the match, and draws from it."""
         # (16)
-        matched = self.matcher.sample(key, pose, inputs, field, motion, sensor)
-        ends = scan_points(inputs.scan, self.matcher.max_beams)
+        matched = self.matcher.sample(key, pose, context)
+        ends = scan_points(context.scan, self.matcher.max_beams)
         enough = (matched.flags & Flag.FEW_VALID_BEAMS.value) == 0
-        failed = ~enough | (share_explained(field.fine, ends, matched.pose) < self.failed_below)
+        failed = ~enough | (context.field.fine.inlier_ratio(ends, matched.pose) < self.failed_below)
 
         # (18)–(21)
-        predicted = se2.compose(pose, inputs.odometry.delta)
-        prior = self.prior.about(motion, inputs.odometry, predicted)
+        predicted = se2.compose(pose, context.odometry.delta)
+        prior = self.prior.around(context.motion, context.odometry, predicted)
 
         def log_value(x: Float[Array, "3"]) -> Float[Array, ""]:
-            log_likelihood = sensor.log_prob(field, inputs.scan, x)
-            return self.sharpness * log_likelihood + self.odometry_weight * prior.log_prob(x)
+            return self.sharpness * context.log_likelihood(x) + self.odometry_weight * prior.log_prob(x)
 
         around = self.around.fit(jax.random.fold_in(key, 1), log_value, matched.pose, ends)
         drawn = around.sample(jax.random.fold_in(key, 2))
 
-        fallen_back = motion.sample(key, pose, inputs.odometry)
+        fallen_back = context.motion.sample(key, pose, context.odometry)
         chosen = jnp.where(failed, fallen_back, drawn)
-        log_likelihood = sensor.log_prob(field, inputs.scan, chosen)
+        log_likelihood = context.log_likelihood(chosen)
         # (22): likelihood and ratio make η.
         log_ratio = jnp.where(failed, 0.0, around.log_eta / self.sharpness - log_likelihood)
         flag = jnp.where(enough & failed, Flag.MATCH_FAILED.value, 0)
-        return Proposed(
+        return ProposalResult(
             pose=chosen,
             log_likelihood=log_likelihood,
             log_ratio=log_ratio,

@@ -3,30 +3,18 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jaxslam.core.types import StepInputs
-from jaxslam.grid.field import Field
-from jaxslam.motion.base import AbstractMotionModel
-from jaxslam.proposal.base import AbstractProposal, Proposed
-from jaxslam.sensor.base import AbstractSensorModel
+from jaxslam.proposal.base import AbstractProposal, ProposalContext, ProposalResult
 
 
 class MotionProposal(AbstractProposal):
-    """q = p(x | x_prev, u): the weight is the observation likelihood (the baseline of all three papers)."""
+    """q = p(x | x_prev, u), whose weight is the likelihood of the scan (the baseline of all three papers)."""
 
-    def sample(
-        self,
-        key: PRNGKeyArray,
-        pose: Float[Array, "3"],
-        inputs: StepInputs,
-        field: Field,
-        motion: AbstractMotionModel,
-        sensor: AbstractSensorModel,
-    ) -> Proposed:
-        """Draws from the motion model, whatever the scan says."""
-        moved = motion.sample(key, pose, inputs.odometry)
-        return Proposed(
+    def sample(self, key: PRNGKeyArray, pose: Float[Array, "3"], context: ProposalContext) -> ProposalResult:
+        """Draw from the motion model without regard to the scan."""
+        moved = context.motion.sample(key, pose, context.odometry)
+        return ProposalResult(
             pose=moved,
-            log_likelihood=sensor.log_prob(field, inputs.scan, moved),
+            log_likelihood=context.log_likelihood(moved),
             log_ratio=jnp.zeros((), jnp.float32),
             flags=jnp.zeros((), jnp.int32),
         )

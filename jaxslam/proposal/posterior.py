@@ -1,4 +1,4 @@
-"""What the proposals that look at the map share: posing candidates and comparing them."""
+"""The posterior of a pose given map, scan and motion model, and how proposals compare poses by it."""
 
 import equinox as eqx
 import jax
@@ -7,85 +7,82 @@ from jaxtyping import Array, Bool, Float
 
 from jaxslam.core import se2
 from jaxslam.core.flags import Flag
-from jaxslam.core.types import LidarScan, OdometryIncrement
-from jaxslam.grid.field import DistanceField, Field
 from jaxslam.lidar.beams import ScanPoints
 from jaxslam.matching.gauss_newton import PosePrior
 from jaxslam.matching.heading import HeadingSearch
-from jaxslam.motion.base import AbstractMotionModel
-from jaxslam.proposal.base import Proposed
-from jaxslam.sensor.base import AbstractSensorModel
+from jaxslam.proposal.base import ProposalContext, ProposalResult
 
 
 class Candidate(eqx.Module):
-    """A pose that was looked at.
+    """A pose and its value under the posterior.
 
     Attributes:
         pose: `[3]` (m, m, rad, world frame).
-        log_likelihood: of the scan there.
-        score: that and what the prior says.
+        log_likelihood: log p(z | x, m).
+        log_posterior: `PosePosterior.log_prob`.
     """
 
     pose: Float[Array, "*n 3"]
     log_likelihood: Float[Array, "*n"]
-    score: Float[Array, "*n"]
+    log_posterior: Float[Array, "*n"]
 
 
-class Judge(eqx.Module):
-    r"""$\log\Gamma(x) = \log p(z\mid x,m) + w\,\log p(x\mid x_{t-1},u)$, tobacco (12).
+class PosePosterior(eqx.Module):
+    r"""$\log\Gamma(x) = \log p(z\mid x,m) + w\,\log p(x\mid x_{t-1},u)$, Liang et al. (12).
 
     Attributes:
-        field: the particle's map.
-        scan: z.
-        sensor: p(z | x, m).
-        prior: p(x | x_prev, u) about the motion model's draw.
-        prior_score: w: the sensor model counts a scan for less than its beams, and the prior must not win.
+        context: map, scan and sensor model.
+        prior: p(x | x_prev, u) around the draw of the motion model.
+        prior_weight: w. The sensor model gives a scan less weight than its beams would have if they were
+            independent, so the prior at full weight would win against the scan.
     """
 
-    field: Field
-    scan: LidarScan
-    sensor: AbstractSensorModel
+    context: ProposalContext
     prior: PosePrior
-    prior_score: float | Float[Array, ""]
+    prior_weight: float | Float[Array, ""]
 
-    def candidate(self, pose: Float[Array, "3"]) -> Candidate:
-        """The pose `[3]` with its score."""
-        log_likelihood = self.sensor.log_prob(self.field, self.scan, pose)
-        return Candidate(pose, log_likelihood, log_likelihood + self.prior_score * self.prior.log_prob(pose))
+    def log_prob(self, pose: Float[Array, "3"]) -> Float[Array, ""]:
+        """Return log Γ at a pose `[3]`."""
+        return self.evaluate(pose).log_posterior
 
-    def pair(self, one: Float[Array, "3"], other: Float[Array, "3"]) -> tuple[Candidate, Candidate]:
-        """Two poses: compiled once for both, and what the scan alone decides is shared."""
-        both = jax.vmap(self.candidate)(jnp.stack([one, other]))
+    def evaluate(self, pose: Float[Array, "3"]) -> Candidate:
+        """Return the pose `[3]` with its likelihood and posterior."""
+        log_likelihood = self.context.log_likelihood(pose)
+        return Candidate(pose, log_likelihood, log_likelihood + self.prior_weight * self.prior.log_prob(pose))
+
+    def evaluate_pair(self, one: Float[Array, "3"], other: Float[Array, "3"]) -> tuple[Candidate, Candidate]:
+        """Evaluate two poses in one compiled body, which shares what depends on the scan alone."""
+        both = jax.vmap(self.evaluate)(jnp.stack([one, other]))
         return jax.tree.map(lambda leaf: leaf[0], both), jax.tree.map(lambda leaf: leaf[1], both)
 
 
-def better(best: Candidate, other: Candidate) -> Candidate:
-    """The higher-scoring of two, the first of equals; a NaN never wins."""
-    wins = other.score > best.score
+def best_of(best: Candidate, other: Candidate) -> Candidate:
+    """Return the candidate with the higher posterior, the first of equals; a NaN never wins."""
+    wins = other.log_posterior > best.log_posterior
     return jax.tree.map(lambda new, old: jnp.where(wins, new, old), other, best)
 
 
-def settle(
+def finalize(
     drawn: Candidate,
     chosen: Candidate,
     enough: Bool[Array, ""],
     searched: Bool[Array, ""],
     log_ratio: Float[Array, ""] | None = None,
-) -> Proposed:
-    """What a proposal ends with: the pose that it chose, or the draw where the scan says too little.
+) -> ProposalResult:
+    """Return the chosen pose, or the draw of the motion model if the scan has too few beams.
 
     Args:
         drawn: from the motion model.
         chosen: by the proposal.
-        enough: whether the scan has beams enough.
-        searched: whether the particle was lost.
+        enough: whether the scan has enough valid beams.
+        searched: whether the particle had lost the map and was searched for.
         log_ratio: log p(x | x_prev, u) − log q(x) at `chosen`. None for a proposal without a density: its
             weight is the likelihood alone, as gmapping computes it.
     """
     few = jnp.where(enough, 0, Flag.FEW_VALID_BEAMS.value)
     lost = jnp.where(searched, Flag.SEARCHED.value, 0)
     log_ratio = jnp.zeros((), jnp.float32) if log_ratio is None else log_ratio
-    return Proposed(
+    return ProposalResult(
         pose=jnp.where(enough, chosen.pose, drawn.pose),
         log_likelihood=jnp.where(enough, chosen.log_likelihood, drawn.log_likelihood),
         log_ratio=jnp.where(enough, log_ratio, 0.0),
@@ -93,24 +90,22 @@ def settle(
     )
 
 
-def turned_to_map(
+def align_heading(
     search: HeadingSearch,
-    field: Field,
+    context: ProposalContext,
     ends: ScanPoints,
-    motion: AbstractMotionModel,
-    odometry: OdometryIncrement,
     pose: Float[Array, "3"],
     drawn: Float[Array, "3"],
 ) -> Float[Array, "3"]:
-    """A draw `[3]` from `pose` `[3]`, turned to where the scan fits best around the odometry's heading."""
-    predicted = se2.compose(pose, odometry.delta)
-    sigma = jnp.sqrt(motion.covariance(odometry)[2, 2])
-    return search.search(field.coarse, ends, drawn[:2], predicted[2], sigma)
+    """Turn a draw `[3]` to the heading where the scan fits best, near the heading of the odometry.
 
-
-def share_explained(field: DistanceField, ends: ScanPoints, pose: Float[Array, "3"]) -> Float[Array, ""]:
-    """Share of the valid beams that end near an obstacle, or where the map knows nothing."""
-    squared, unseen = field.look_up(se2.apply(pose, ends.points))
-    explained: Bool[Array, "B"] = unseen | (squared < (field.radius * field.resolution) ** 2)
-    num_valid = jnp.sum(ends.valid, dtype=jnp.float32)
-    return jnp.sum(ends.valid & explained, dtype=jnp.float32) / jnp.maximum(num_valid, 1.0)
+    Args:
+        search: headings to try.
+        context: map, odometry and motion model.
+        ends: the scan, base frame.
+        pose: `[3]` before the step.
+        drawn: `[3]` from the motion model.
+    """
+    predicted = se2.compose(pose, context.odometry.delta)
+    sigma = jnp.sqrt(context.motion.covariance(context.odometry)[2, 2])
+    return search.search(context.field.coarse, ends, drawn[:2], predicted[2], sigma)

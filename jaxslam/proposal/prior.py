@@ -1,4 +1,4 @@
-"""x"""
+"""How much a proposal trusts the motion model as a prior of the pose."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -31,7 +31,7 @@ class PriorTrust(eqx.Module):
     def __check_init__(self):
         require_at_least_zero(self)
 
-    def about(
+    def around(
         self, motion: AbstractMotionModel, odometry: OdometryIncrement, drawn: Float[Array, "3"]
     ) -> PosePrior:
         """The prior about a draw `[3]` of the motion model, which each particle keeps its own of."""

@@ -41,7 +41,7 @@ class Split:
     held_out: Bool[np.ndarray, "M"]
 
     @classmethod
-    def of(cls, readings: Readings, held_out: Sequence[float] | None = None) -> "Split":
+    def from_readings(cls, readings: Readings, held_out: Sequence[float] | None = None) -> "Split":
         """A split by distances.
 
         The nearest and the farthest distance are learnt from, unless they are named: a network does not
@@ -106,7 +106,7 @@ class Attempt:
 
 
 @dataclass(frozen=True)
-class Learnt:
+class TrainingResult:
     """A network and how it was chosen.
 
     Attributes:
@@ -139,7 +139,7 @@ def learn(
     restarts: int = 5,
     method: Method = "levenberg-marquardt",
     on_attempt: Callable[[Attempt], None] | None = None,
-) -> Learnt:
+) -> TrainingResult:
     """Trains networks from several starts and keeps the one that validates best.
 
     Where nothing validates, only the mean reading of each distance is learnt: from so few of them a network
@@ -161,10 +161,12 @@ def learn(
     learnt_from = readings.where(split.training)
     if split.validation.any():
         validates = readings.where(split.validation)
-        training, validation = (Rows.of(part.measured, part.true) for part in (learnt_from, validates))
+        training, validation = (
+            Rows.from_readings(part.measured, part.true) for part in (learnt_from, validates)
+        )
     else:
         means = learnt_from.means()
-        training = validation = Rows.of(means.measured, means.true)
+        training = validation = Rows.from_readings(means.measured, means.true)
     # Not beyond what it learns from: there the correction is held.
     shortest, longest = float(jnp.min(training.measured)), float(jnp.max(training.measured))
     if not longest > shortest:
@@ -186,7 +188,7 @@ def learn(
     best = min(fits, key=_validation_error)
     if not np.isfinite(_validation_error(best)):
         raise ValueError("no training came to a number: are the readings those of a wall?")
-    return Learnt(best.network, best, tuple(map(_attempt, fits)), split)
+    return TrainingResult(best.network, best, tuple(map(_attempt, fits)), split)
 
 
 def _validation_error(fit: Fit) -> float:

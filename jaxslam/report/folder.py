@@ -15,9 +15,12 @@ from jaxslam.config.slam import SlamConfig
 from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT
 from jaxslam.io import write_map, write_tum
 from jaxslam.pipeline.run import RunResult
-from jaxslam.report.provenance import peak_rss_mb
+from jaxslam.report.provenance import peak_rss_mb, versions
 from jaxslam.viz.picture import MapLayer, save_map_picture
+from jaxslam.viz.raster import known_box, map_levels
 
+_MAP_MARGIN = 0.5
+"""Unknown space kept around the map in its files, meters."""
 _LOG_SUFFIXES = (".gz", ".log", ".clf", ".carmen", ".bag", ".mcap", ".db3")
 
 
@@ -52,47 +55,50 @@ def make_folder(folder: Path) -> None:
         raise ValueError(f"{folder}: {reason}: give another with --out") from None
 
 
+def save_run(result: RunResult, folder: Path) -> Path:
+    """Write a run into a folder, which is made if it does not exist; the body of `RunResult.save`.
+
+    Returns:
+        The path of the picture of the map.
+    """
+    make_folder(folder)
+    write_run(folder, result, origin={"versions": versions()})
+    return folder / "map.png"
+
+
 def write_run(
     folder: Path,
     result: RunResult,
-    configuration: SlamConfig,
     *,
-    seed: int,
-    scans_in: int,
     origin: Mapping[str, object],
-    accuracy: Mapping[str, object],
+    accuracy: Mapping[str, object] | None = None,
     truth: MapLayer | None = None,
 ) -> dict[str, object]:
-    """Writes everything a run leaves behind into a folder that is there.
+    """Write every result of a run into an existing folder.
 
     Args:
-        folder: where to.
+        folder: where to write.
         result: of `run_log`.
-        configuration: what made it.
-        seed: of its key.
-        scans_in: scans in the log.
-        origin: goes into `run.json`: command, log, versions.
+        origin: goes into `run.json`: command, seed, log, versions.
         accuracy: goes into `metrics.json`: errors by metric.
         truth: the known map and path in the same frame, drawn beside the estimate.
 
     Returns:
-        What stands in `metrics.json`.
+        The content of `metrics.json`.
 
     Raises:
         OSError: a file cannot be written.
     """
-    metrics = {**_figures(result, scans_in), **accuracy}
-    _write_map_files(folder, result, configuration, truth)
+    metrics = {**_figures(result), **(accuracy or {})}
+    write_map_files(folder, result, truth)
     write_tum(folder / "trajectory.tum", result.all_stamps, result.all_poses)
-    _save_ess_picture(folder / "ess.png", result, configuration)
-    toml.save(folder / "config.toml", configuration)
-    run = {
-        "method": configuration.method,
-        "lidar": configuration.lidar.name,
-        "seed": seed,
-        **origin,
-        "configuration": flatten(configuration),
-    }
+    config = result.scans.config
+    run: dict[str, object] = dict(origin)
+    if isinstance(config, SlamConfig):
+        lidar = None if config.lidar is None else config.lidar.name
+        run = {"method": config.method, "lidar": lidar, **run, "configuration": flatten(config)}
+        toml.save(folder / "config.toml", config)
+    _save_ess_picture(folder / "ess.png", result)
     write_json(folder / "run.json", run)
     write_json(folder / "metrics.json", metrics)
     return metrics
@@ -110,9 +116,38 @@ def occupancy_probability(log_odds: Int8[np.ndarray, "H W"]) -> Float32[np.ndarr
     return np.where(log_odds == 0, np.float32(np.nan), probability.astype(np.float32))
 
 
-def _figures(result: RunResult, scans_in: int) -> dict[str, object]:
+def write_map_files(folder: Path, result: RunResult, truth: MapLayer | None = None) -> None:
+    """Write the map for map_server and nav2, cropped to what was seen, and its picture.
+
+    Args:
+        folder: where to write `map.yaml`, `map.pgm` and `map.png`.
+        result: of `run_log`.
+        truth: the known map and path, drawn beside the estimate.
+    """
+    # float32 stores 0.05 as 0.0500000007; the files say what was asked for.
+    config = result.scans.config
+    exact = isinstance(config, SlamConfig)
+    resolution = float(config.map.resolution if exact else result.grid.resolution)  # type: ignore[union-attr]
+    box = known_box(map_levels(result.log_odds), margin=round(_MAP_MARGIN / resolution))
+    corner = np.asarray(result.grid.origin, np.float64) + resolution * np.array([box.column, box.row])
+    x, y = (round(float(value), 6) for value in corner)
+    log_odds = box.cut(result.log_odds)
+    write_map(folder / "map.yaml", occupancy_probability(log_odds), resolution, (x, y, 0.0))
+    save_map_picture(
+        folder / "map.png",
+        log_odds,
+        resolution,
+        np.array([x, y]),
+        poses=result.all_poses,
+        particles=result.particles,
+        weights=np.exp(result.log_weights.astype(np.float64)),
+        truth=truth,
+    )
+
+
+def _figures(result: RunResult) -> dict[str, object]:
     return {
-        "scans_in": scans_in,
+        "scans_in": result.scans.num_scans,
         "scans_processed": len(result.stamps),
         "compile_s": result.compile_s,
         "run_s": result.run_s,
@@ -123,26 +158,7 @@ def _figures(result: RunResult, scans_in: int) -> dict[str, object]:
     }
 
 
-def _write_map_files(
-    folder: Path, result: RunResult, configuration: SlamConfig, truth: MapLayer | None
-) -> None:
-    # The device has 0.05 as 0.0500000007; the files say what was asked for.
-    resolution = float(configuration.map.resolution)
-    x, y = (round(float(value), 6) for value in result.grid.origin)
-    write_map(folder / "map.yaml", occupancy_probability(result.log_odds), resolution, (x, y, 0.0))
-    save_map_picture(
-        folder / "map.png",
-        result.log_odds,
-        resolution,
-        np.array([x, y]),
-        poses=result.all_poses,
-        particles=result.particles,
-        weights=np.exp(result.log_weights.astype(np.float64)),
-        truth=truth,
-    )
-
-
-def _save_ess_picture(path: Path, result: RunResult, configuration: SlamConfig) -> None:
+def _save_ess_picture(path: Path, result: RunResult) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -150,13 +166,9 @@ def _save_ess_picture(path: Path, result: RunResult, configuration: SlamConfig) 
 
     figure = Figure(figsize=(8.0, 3.2), layout="constrained")
     FigureCanvasAgg(figure)
-    plot_ess(
-        result.ess,
-        configuration.num_particles,
-        result.resampled,
-        figure.subplots(),
-        threshold=float(configuration.resampling.threshold),
-    )
+    config = result.scans.config
+    threshold = float(config.resampling.threshold) if isinstance(config, SlamConfig) else None
+    plot_ess(result.ess, len(result.particles), result.resampled, figure.subplots(), threshold=threshold)
     figure.savefig(path, dpi=150)
 
 

@@ -3,7 +3,7 @@
 from jaxslam.resampling._permute import keep_survivors_in_place
 from jaxslam.resampling.adaptive import AdaptiveResampling, Resampling
 from jaxslam.resampling.base import AbstractResampler
-from jaxslam.resampling.ess import effective_sample_size, normalise
+from jaxslam.resampling.ess import effective_sample_size, normalize
 from jaxslam.resampling.multinomial import MultinomialResampler
 from jaxslam.resampling.residual import ResidualResampler
 from jaxslam.resampling.stratified import StratifiedResampler
@@ -19,5 +19,5 @@ __all__ = [
     "SystematicResampler",
     "effective_sample_size",
     "keep_survivors_in_place",
-    "normalise",
+    "normalize",
 ]

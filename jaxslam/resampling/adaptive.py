@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jaxslam.resampling.base import AbstractResampler
-from jaxslam.resampling.ess import effective_sample_size, normalise
+from jaxslam.resampling.ess import effective_sample_size, normalize
 
 
 class Resampling(eqx.Module):
@@ -59,8 +59,8 @@ class AdaptiveResampling(eqx.Module):
             lambda: self.scheme.ancestors(key, log_weights),
             lambda: jnp.arange(count, dtype=jnp.int32),
         )
-        kept = normalise(log_weights)
-        uniform = normalise(jnp.zeros_like(log_weights))
+        kept = normalize(log_weights)
+        uniform = normalize(jnp.zeros_like(log_weights))
         return Resampling(
             ancestors=ancestors,
             log_weights=jnp.where(resampled, uniform, kept),

@@ -24,13 +24,13 @@ def relative_to_largest(
     return jnp.where(any_usable, shifted, jnp.zeros_like(shifted)), any_usable
 
 
-def normalise(log_weights: Float[Array, "N"]) -> Float[Array, "N"]:
+def normalize(log_weights: Float[Array, "N"]) -> Float[Array, "N"]:
     """Log-weights `[N]` whose weights sum to one.
 
     What is not finite becomes −inf; where nothing is finite, all become −log N.
 
     Example:
-        `normalise([0, log 3])` is `[log 0.25, log 0.75]`; `normalise([nan, 5])` is `[−inf, 0]`.
+        `normalize([0, log 3])` is `[log 0.25, log 0.75]`; `normalize([nan, 5])` is `[−inf, 0]`.
     """
     relative, _ = relative_to_largest(log_weights)
     return relative - jnp.log(jnp.sum(jnp.exp(relative)))
@@ -39,7 +39,7 @@ def normalise(log_weights: Float[Array, "N"]) -> Float[Array, "N"]:
 def effective_sample_size(log_weights: Float[Array, "N"]) -> Float[Array, ""]:
     """Effective sample size, between 1 and N: 1 / Σ w̃², w̃ the normalised weights.
 
-    N where no log-weight is finite, as for the uniform weights that `normalise` then gives.
+    N where no log-weight is finite, as for the uniform weights that `normalize` then gives.
 
     References:
         tobacco (16), mine (17), ann (2); Kong, Liu, Wong 1994.

@@ -7,6 +7,7 @@ from jaxtyping import Array, Float
 
 from jaxslam.core import se2
 from jaxslam.core.types import LidarScan
+from jaxslam.core.validation import require_at_least_zero
 from jaxslam.grid.field import Field
 from jaxslam.grid.raycast import cast
 from jaxslam.lidar.beams import spread_beams
@@ -55,13 +56,14 @@ class Beam(AbstractSensorModel):
     max_beams: int = eqx.field(static=True, default=60)
 
     def __check_init__(self):
-        for name in ("max_range", "sigma_hit", "z_rand", "lambda_short"):
-            value = getattr(self, name)
-            # A traced value cannot be looked at; `not >` also refuses NaN.
-            if isinstance(value, float) and not value > 0:
-                raise ValueError(f"Beam: {name} is {value}, must be > 0")
+        require_at_least_zero(self, positive=("max_range", "sigma_hit", "z_rand", "lambda_short"))
 
-    def log_prob(self, field: Field, scan: LidarScan, pose: Float[Array, "3"]) -> Float[Array, ""]:
+    @property
+    def independent_count(self) -> float | Float[Array, ""]:
+        """`beam_weight` times the number of beams."""
+        return self.beam_weight * self.max_beams
+
+    def log_prob(self, prepared: Field, scan: LidarScan, pose: Float[Array, "3"]) -> Float[Array, ""]:
         """Scalar, natural log: β times the sum over the beams that returned, density per metre.
 
         The others are left out: the mass at `max_range` is the same at every pose.
@@ -69,9 +71,9 @@ class Beam(AbstractSensorModel):
         chosen = spread_beams(scan.num_beams, self.max_beams)
         ranges, valid = scan.ranges[chosen], scan.valid[chosen]
         pose_lidar = se2.compose(pose, scan.pose_base_lidar)
-        entered = cast(field.fine, pose_lidar, scan.angles()[chosen], self.max_range)
+        entered = cast(prepared.fine, pose_lidar, scan.angles()[chosen], self.max_range)
         # The surface lies anywhere in the cell that it made occupied: in the middle, on average.
-        expected = jnp.minimum(entered + 0.5 * field.fine.resolution, self.max_range)
+        expected = jnp.minimum(entered + 0.5 * prepared.fine.resolution, self.max_range)
         log_density = self.log_density(ranges, expected)
         returned = valid & (ranges < self.max_range)
         return self.beam_weight * jnp.sum(jnp.where(returned, log_density, 0.0))

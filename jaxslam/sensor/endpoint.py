@@ -51,12 +51,17 @@ class Endpoint(AbstractSensorModel):
         if self.kernel < 0:
             raise ValueError(f"Endpoint: kernel is {self.kernel} cells, must be >= 0")
 
-    def log_prob(self, field: Field, scan: LidarScan, pose: Float[Array, "3"]) -> Float[Array, ""]:
+    @property
+    def independent_count(self) -> float | Float[Array, ""]:
+        """`beam_weight` times the number of beams."""
+        return self.beam_weight * self.max_beams
+
+    def log_prob(self, prepared: Field, scan: LidarScan, pose: Float[Array, "3"]) -> Float[Array, ""]:
         """Scalar, natural log up to a constant; 0 is the best there is."""
         ends = scan_points(scan, self.max_beams)
         points = se2.apply(pose, ends.points)
         lidar = se2.compose(pose, scan.pose_base_lidar)[:2]
-        squared = self._nearest_seen(field.fine, points, lidar)
+        squared = self._nearest_seen(prepared.fine, points, lidar)
         log_hit = jnp.maximum(-0.5 * squared / self.sigma_hit**2, self.log_miss)
         return self.beam_weight * jnp.sum(jnp.where(ends.valid, log_hit, 0.0))
 

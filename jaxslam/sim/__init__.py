@@ -6,7 +6,8 @@ from jaxslam.sim.imu_sensor import Imu, Inertial
 from jaxslam.sim.lidar_sensor import LIDARS, Lidar, lds_01, lds_02, rplidar_a1, sick, urg_04lx, vlp16_ring
 from jaxslam.sim.range_bias import RangeBias, draw_lds_01_bias, lds_01_accuracy
 from jaxslam.sim.rasterize import observable, rasterise, reachable
-from jaxslam.sim.robot import Drive, Robot, drive, start_pose
+from jaxslam.sim.recording import Truth, drive
+from jaxslam.sim.robot import Drive, Robot, follow_tour, start_pose
 from jaxslam.sim.simulate import Simulation, sample_times, simulate, to_log
 from jaxslam.sim.wheel_odometry import Odometry, OdometryErrors, WheelOdometry
 from jaxslam.sim.worlds.corridor import Corridor, build_corridor, corridor_loop, random_corridor
@@ -28,6 +29,7 @@ __all__ = [
     "Roadway",
     "Robot",
     "Simulation",
+    "Truth",
     "WheelOdometry",
     "World",
     "box",
@@ -41,6 +43,7 @@ __all__ = [
     "disc",
     "draw_lds_01_bias",
     "drive",
+    "follow_tour",
     "hall_large",
     "hall_small",
     "lds_01",

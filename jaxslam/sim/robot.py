@@ -117,7 +117,7 @@ def start_pose(waypoints: Float64[np.ndarray, "W 2"]) -> Float64[np.ndarray, "3"
     return np.array([*waypoints[0], np.arctan2(direction[1], direction[0])])
 
 
-def drive(robot: Robot, waypoints: Float[Array, "W 2"], num_steps: int) -> Drive:
+def follow_tour(robot: Robot, waypoints: Float[Array, "W 2"], num_steps: int) -> Drive:
     """Drives round a closed tour of way-points, again and again, from rest at the first one.
 
     Args:

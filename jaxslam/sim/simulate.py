@@ -15,7 +15,7 @@ from jaxslam.core.types import LidarScan
 from jaxslam.io.log import ImuTrack, JointTrack, OdometryTrack, ScanTrack, SensorLog
 from jaxslam.sim.imu_sensor import Imu, Inertial
 from jaxslam.sim.lidar_sensor import Lidar, sick
-from jaxslam.sim.robot import Drive, Robot, drive
+from jaxslam.sim.robot import Drive, Robot, follow_tour
 from jaxslam.sim.wheel_odometry import Odometry, WheelOdometry
 from jaxslam.sim.worlds.world import World, leg_clearances
 
@@ -126,7 +126,7 @@ def _simulate(
     duration: float,
 ) -> Simulation:
     key_wheels, key_imu, key_lidar = jax.random.split(key, 3)
-    truth = drive(robot, waypoints, math.ceil(duration * robot.rate))
+    truth = follow_tour(robot, waypoints, math.ceil(duration * robot.rate))
     odometry_times = sample_times(wheels.rate, duration, phase=0.0)
     odometry = wheels.simulate(key_wheels, truth, odometry_times)
     scan_poses, _ = truth.at(sample_times(lidar.rate, duration, phase=0.5))

@@ -11,30 +11,22 @@ from jaxtyping import Array, Bool, Float, Int, Int8, Key, PRNGKeyArray
 
 from jaxslam.core import se2
 from jaxslam.core.flags import Flag
-from jaxslam.core.types import LidarScan, StepInputs
-from jaxslam.grid.field import Field, prepare_field, window_rows
-from jaxslam.grid.occupancy import OccupancyModel, add_scan, cells_from_lidar, quantise, range_table
+from jaxslam.core.types import StepInputs
+from jaxslam.grid.occupancy import OccupancyModel
 from jaxslam.grid.spec import GridSpec
-from jaxslam.grid.walls import outstanding
 from jaxslam.grid.window import (
     copy_maps,
-    inside_window,
-    read_windows,
-    shift_to_scan,
-    window_origin,
-    window_start,
-    write_windows,
 )
-from jaxslam.lidar.beams import scan_points
 from jaxslam.motion.base import AbstractMotionModel
-from jaxslam.proposal.base import AbstractProposal, Proposed
+from jaxslam.proposal.base import AbstractProposal, ProposalContext, ProposalResult
 from jaxslam.range_network.network import RangeNetwork, with_corrected_ranges
 from jaxslam.resampling._permute import keep_survivors_in_place
 from jaxslam.resampling.adaptive import AdaptiveResampling
-from jaxslam.resampling.ess import normalise
+from jaxslam.resampling.ess import normalize
 from jaxslam.sensor.base import AbstractSensorModel
-from jaxslam.xla.materialise import computed_once
-from jaxslam.xla.sharding import particle_mesh, shared_out
+from jaxslam.slam.view import MapView
+from jaxslam.xla.materialize import compute_after
+from jaxslam.xla.sharding import particle_mesh, with_sharding
 
 
 class RBPFState(eqx.Module):
@@ -91,7 +83,7 @@ class RBPF(eqx.Module):
         window_size: cells along a side of the window that a step works on, divisible by 4 (static): around
             the lidar where that holds all it sees, else ahead of it.
         radius: truncation of the distance field, cells (static).
-        mesh: devices that the particles are spread over (static); None: all on one. See `spread_over`.
+        mesh: devices that the particles are spread over (static); None: all on one. See `shard`.
     """
 
     grid: GridSpec
@@ -107,7 +99,7 @@ class RBPF(eqx.Module):
     radius: int = eqx.field(static=True, default=6)
     mesh: Mesh | None = eqx.field(static=True, default=None)
 
-    def spread_over(self, devices: Sequence[jax.Device]) -> "RBPF":
+    def shard(self, devices: Sequence[jax.Device]) -> "RBPF":
         """The same filter with an equal share of its particles on each device, for one with many.
 
         Raises:
@@ -115,16 +107,21 @@ class RBPF(eqx.Module):
         """
         return dataclasses.replace(self, mesh=particle_mesh(self.num_particles, devices))
 
+    @property
+    def view(self) -> MapView:
+        """The part of the maps that a step reads and writes."""
+        return MapView(self.grid, self.occupancy, self.usable_range, self.window_size, self.radius)
+
     def init(self, key: PRNGKeyArray, pose0: Float[Array, "3"]) -> RBPFState:
         """All particles at `pose0` `[3]` with empty maps; the key is for models that spread them."""
         count = self.num_particles
         state = RBPFState(
             maps=jnp.zeros((count, self.grid.height, self.grid.width), jnp.int8),
             poses=jnp.tile(pose0.astype(jnp.float32)[None], (count, 1)),
-            log_weights=normalise(jnp.zeros(count, jnp.float32)),
+            log_weights=normalize(jnp.zeros(count, jnp.float32)),
             num_steps=jnp.zeros((), jnp.int32),
         )
-        return shared_out(self.mesh, state, count)
+        return with_sharding(self.mesh, state, count)
 
     def blank_infos(self, num_steps: int) -> StepInfo:
         """Room for the infos of so many steps, stacked over time; zeros."""
@@ -143,16 +140,18 @@ class RBPF(eqx.Module):
         # All at once: each further split costs as much as drawing all the noise.
         keys = jax.random.split(key, self.num_particles + 1)
         inputs = with_corrected_ranges(self.range_network, inputs)
-        shift, clearing, scan = self._view(state, inputs)
-        inputs = eqx.tree_at(lambda i: i.scan, inputs, scan)
-
-        fields = self._fields(state, inputs, shift)
-        proposed = self._propose(keys[:-1], state, inputs, fields)
+        heading = state.poses[jnp.argmax(state.log_weights), 2] + inputs.odometry.delta[2]
+        view = self.view.look(inputs.scan, heading)
+        fields = self.view.fields(state.maps, state.poses, inputs.odometry, view)
+        context = ProposalContext(inputs.odometry, view.scan, fields, self.motion, self.sensor)
+        proposed = self._propose(keys[:-1], state, context)
         log_weights = state.log_weights + proposed.log_likelihood + proposed.log_ratio
         finite = jnp.isfinite(log_weights)
-        log_weights = normalise(jnp.where(finite, log_weights, -jnp.inf))
-        poses = _after(proposed.log_likelihood, proposed.pose)
-        maps, off_map = self._update_maps(state.maps, poses, scan, clearing, shift)
+        log_weights = normalize(jnp.where(finite, log_weights, -jnp.inf))
+        # A proposal that does not read the maps would let XLA write them before it scores them, for which
+        # it keeps a copy of all of them: on 30 maps of 50 m that took as long as the whole step.
+        poses = compute_after(proposed.log_likelihood, proposed.pose)
+        maps, off_map = self.view.update(state.maps, poses, view, self.mesh)
         resampling = self.resampling(keys[-1], log_weights)
         ancestors = keep_survivors_in_place(resampling.ancestors)
 
@@ -175,52 +174,11 @@ class RBPF(eqx.Module):
             resampled=resampling.resampled,
             flags=flags.astype(jnp.int32),
         )
-        return shared_out(self.mesh, state, self.num_particles), info
+        return with_sharding(self.mesh, state, self.num_particles), info
 
-    def _view(self, state: RBPFState, inputs: StepInputs) -> tuple[Int[Array, "2"], LidarScan, LidarScan]:
-        """Where the windows lie from the lidar, and the scan twice.
-
-        Returns:
-            Rows and columns from the lidar to the windows' centre; the scan with the returns beyond the
-            usable range moved to it, which clear space up to there; and the scan without those returns and
-            without those off the windows: what is matched, weighed and mapped.
-        """
-        scan = inputs.scan
-        reach = jnp.asarray(self.usable_range, jnp.float32)
-        clearing = eqx.tree_at(lambda s: s.ranges, scan, jnp.minimum(scan.ranges, reach))
-        # One view for all particles: their headings differ by little.
-        best = state.poses[jnp.argmax(state.log_weights)]
-        heading = best[2] + inputs.odometry.delta[2] + scan.pose_base_lidar[2]
-        bearings = scan.angles() + jnp.where(jnp.isfinite(heading), heading, 0.0)
-        ends = clearing.ranges[:, None] * jnp.stack([jnp.cos(bearings), jnp.sin(bearings)], axis=-1)
-        ends = jnp.where(scan.valid[:, None], ends, 0.0)
-        shift = shift_to_scan(ends, self.grid.resolution, self.window_size)
-        seen = scan.valid & (scan.ranges < reach)
-        seen = seen & inside_window(ends, self.grid.resolution, self.window_size, shift)
-        return shift, clearing, eqx.tree_at(lambda s: s.valid, scan, seen)
-
-    def _fields(self, state: RBPFState, inputs: StepInputs, shift: Int[Array, "2"]) -> Field:
-        """Each particle's map around what its lidar sees from where the odometry alone puts it, prepared."""
-        shape = (window_rows(self.window_size, self.radius), self.window_size)
-
-        def start(pose: Float[Array, "3"]) -> Int[Array, "2"]:
-            predicted = se2.compose(pose, inputs.odometry.delta)
-            lidar = se2.compose(predicted, inputs.scan.pose_base_lidar)
-            return window_start(self.grid, lidar[:2], shape, shift)[0]
-
-        starts = jax.vmap(start)(state.poses)
-        windows = jax.vmap(outstanding, (None, 0))(self.occupancy, read_windows(state.maps, starts, shape))
-        origins = jax.vmap(window_origin, (None, 0))(self.grid, starts)
-        threshold = quantise(self.occupancy.occupied_above)
-        return jax.vmap(prepare_field, (0, None, 0, None, None))(
-            windows, threshold, origins, self.grid.resolution, self.radius
-        )
-
-    def _propose(
-        self, keys: Key[Array, "N"], state: RBPFState, inputs: StepInputs, fields: Field
-    ) -> Proposed:
-        proposed = self.proposal.sample_all(keys, state.poses, inputs, fields, self.motion, self.sensor)
-        predicted = jax.vmap(se2.compose, (0, None))(state.poses, inputs.odometry.delta)
+    def _propose(self, keys: Key[Array, "N"], state: RBPFState, context: ProposalContext) -> ProposalResult:
+        proposed = self.proposal.sample_all(keys, state.poses, context)
+        predicted = jax.vmap(se2.compose, (0, None))(state.poses, context.odometry.delta)
         # Odometry that is not a number moves nothing.
         predicted = jnp.where(_all_finite(predicted), predicted, state.poses)
         finite = _all_finite(proposed.pose)
@@ -238,49 +196,6 @@ class RBPF(eqx.Module):
             proposed,
             (poses, log_likelihood, log_ratio, flags.astype(jnp.int32)),
         )
-
-    def _update_maps(
-        self,
-        maps: Int8[Array, "N H W"],
-        poses: Float[Array, "N 3"],
-        scan: LidarScan,
-        clearing: LidarScan,
-        shift: Int[Array, "2"],
-    ) -> tuple[Int8[Array, "N H W"], Bool[Array, "N"]]:
-        shape = (self.window_size, self.window_size)
-        table = range_table(clearing, self.grid.resolution, 2 * self.window_size)
-        around = cells_from_lidar(self.window_size, shift)
-        ends = scan_points(scan)
-        # The heading of a particle would otherwise be computed again for each cell of its window.
-        poses = computed_once(lambda poses: poses + 0.0, poses)
-        lidar = jax.vmap(se2.compose, (0, None))(poses, scan.pose_base_lidar)
-        starts, off_map = jax.vmap(lambda pose: window_start(self.grid, pose[:2], shape, shift))(lidar)
-
-        def update(
-            window: Int8[Array, "S S"],
-            start: Int[Array, "2"],
-            pose: Float[Array, "3"],
-            heading: Float[Array, ""],
-        ) -> Int8[Array, "S S"]:
-            cells = jnp.floor(self.grid.cells(se2.apply(pose, ends.points))).astype(jnp.int32)
-            return add_scan(
-                self.occupancy, window, table, around, cells[:, ::-1] - start[None], ends.valid, heading
-            )
-
-        windows = read_windows(maps, starts, shape)
-        windows = jax.vmap(update)(windows, starts, poses, lidar[:, 2])
-        return write_windows(maps, windows, starts, self.mesh), off_map
-
-
-def _after(log_likelihood: Float[Array, "N"], poses: Float[Array, "N 3"]) -> Float[Array, "N 3"]:
-    """The poses, known only when the likelihoods are.
-
-    A proposal that does not look at the maps would let XLA write them first and score them afterwards, for
-    which it keeps a copy of all of them: on 30 maps of 50 m that took as long as the whole step.
-    """
-    # No number is both, which the compiler does not know.
-    never = (log_likelihood > 1.0) & (log_likelihood < 1.0)
-    return poses + never.astype(jnp.float32)[:, None]
 
 
 def _all_finite(poses: Float[Array, "N 3"]) -> Bool[Array, "N 1"]:

@@ -18,13 +18,14 @@ from jaxslam.grid.spec import GridSpec
 from jaxslam.io import Relations, SensorLog, read_log, read_relations, read_tum
 from jaxslam.metrics import BinaryMap, map_score
 from jaxslam.metrics.summary import reference_error, relation_figures
-from jaxslam.pipeline.inputs import PreparedInputs, prepare_inputs
+from jaxslam.pipeline.inputs import PreparedScans, pair_scans
 from jaxslam.pipeline.many import ManyResult, run_many
-from jaxslam.pipeline.prepare import Prepared, prepare
+from jaxslam.pipeline.prepare import prepare
 from jaxslam.pipeline.run import poses_at_every_scan
 from jaxslam.preprocess.ranges import correct_scans
 from jaxslam.report.folder import occupancy_probability
 from jaxslam.sim import World, make_world, observable, simulate, to_log
+from jaxslam.slam.rbpf import RBPF
 from jaxslam.study.objectives import Figures
 from jaxslam.study.plan import DRIVE, Plan, Source
 
@@ -101,7 +102,7 @@ def check_source(plan: Plan, source: Source) -> None:
     configuration = plan.configuration({}, loaded.lidar)
     try:
         log, _ = correct_scans(loaded.log, configuration.lidar)
-        inputs = prepare_inputs(log, configuration.thinning)
+        inputs = pair_scans(log, configuration.thinning)
         _errors(loaded, inputs, inputs.all_odometry)
     except ValueError as error:
         raise ValueError(f"{source.name}: {error}") from None
@@ -117,31 +118,31 @@ def measure(
     """
     loaded = load(source)
     found: list[Figures | TrialError | None] = [None] * len(settings)
-    groups: dict[Any, list[tuple[int, Prepared]]] = {}
+    groups: dict[Any, list[tuple[int, RBPF, PreparedScans]]] = {}
     for index, each in enumerate(settings):
         try:
-            prepared, feed = _prepared(plan, source, loaded, each)
+            slam, scans, feed = _prepared(plan, source, loaded, each)
         except (ValueError, OverflowError) as error:
             found[index] = TrialError(str(error))
             continue
         apart = index if "time" in plan.objectives else None
-        program = (feed, jax.tree.structure(prepared.slam), apart)
-        groups.setdefault(program, []).append((index, prepared))
+        program = (feed, jax.tree.structure(slam), apart)
+        groups.setdefault(program, []).append((index, slam, scans))
     keys = jnp.stack([jax.random.key(seed) for seed in seeds])
     for members in groups.values():
-        first = members[0][1]
-        filters = [prepared.slam for _, prepared in members]
+        _, first, scans = members[0]
+        filters = [slam for _, slam, _ in members]
         try:
-            result = run_many(first.slam, keys, filters, first.inputs, maps="map" in plan.objectives)
+            result = run_many(first, scans, keys, filters, maps="map" in plan.objectives)
         except (ValueError, jax.errors.JaxRuntimeError) as error:
             # XLA's may go on for pages.
             reason = str(error).strip().partition("\n")[0]
-            for index, _ in members:
+            for index, *_ in members:
                 found[index] = TrialError(reason)
             continue
-        for row, (index, prepared) in enumerate(members):
+        for row, (index, slam, scans) in enumerate(members):
             try:
-                found[index] = _figures(loaded, prepared, result, row)
+                found[index] = _figures(loaded, slam, scans, result, row)
             except ValueError as error:
                 found[index] = TrialError(str(error))
     return [each if each is not None else TrialError("it was not run") for each in found]
@@ -149,10 +150,10 @@ def measure(
 
 def _prepared(
     plan: Plan, source: Source, loaded: Loaded, settings: Mapping[str, Scalar]
-) -> tuple[Prepared, tuple[Any, ...]]:
-    """The filter with its inputs, and all that the inputs depend on."""
+) -> tuple[RBPF, PreparedScans, tuple[Any, ...]]:
+    """The filter, its scans, and all that the scans depend on."""
     configuration = plan.configuration(settings, loaded.lidar)
-    return prepare(loaded.log, configuration), (
+    return *prepare(loaded.log, configuration), (
         *jax.tree.leaves(configuration.lidar),
         configuration.thinning,
         *jax.tree.leaves(configuration.fusion),
@@ -160,25 +161,25 @@ def _prepared(
     )
 
 
-def _figures(loaded: Loaded, prepared: Prepared, result: ManyResult, row: int) -> Figures | TrialError:
+def _figures(
+    loaded: Loaded, slam: RBPF, scans: PreparedScans, result: ManyResult, row: int
+) -> Figures | TrialError:
     lost = int(result.left_map[row].sum())
     if lost:
         return TrialError(f"the robot left the map in {lost} of {len(result.left_map[row])} runs")
     if not np.isfinite(result.trajectories[row]).all():
         return TrialError("a trajectory is not finite")
-    paths = (
-        poses_at_every_scan(prepared.inputs, path.astype(np.float64)) for path in result.trajectories[row]
-    )
-    errors = [_errors(loaded, prepared.inputs, poses) for poses in paths]
+    paths = (poses_at_every_scan(scans, path.astype(np.float64)) for path in result.trajectories[row])
+    errors = [_errors(loaded, scans, poses) for poses in paths]
     return Figures(
         error=np.array([error for error, _ in errors]),
         heading=np.array([heading for _, heading in errors]),
-        map_loss=_map_losses(loaded, prepared.slam.grid, result.log_odds, row),
+        map_loss=_map_losses(loaded, slam.grid, result.log_odds, row),
         ms_per_scan=result.ms_per_scan,
     )
 
 
-def _errors(loaded: Loaded, inputs: PreparedInputs, poses: Float64[np.ndarray, "S 3"]) -> tuple[float, float]:
+def _errors(loaded: Loaded, inputs: PreparedScans, poses: Float64[np.ndarray, "S 3"]) -> tuple[float, float]:
     """Metres and degrees of the poses at all scans; NaN for a source that has nothing to be measured by."""
     log = loaded.log
     assert log.odometry is not None
@@ -209,5 +210,5 @@ def _map_losses(
 
 def program_of(plan: Plan, source: Source, settings: Mapping[str, Scalar]) -> Any:
     """What must be equal for two configurations to share a program: structure and sizes."""
-    prepared, _ = _prepared(plan, source, load(source), settings)
-    return jax.tree.structure(prepared.slam), (len(prepared.inputs.stamps) - 1).bit_length()
+    slam, scans, _ = _prepared(plan, source, load(source), settings)
+    return jax.tree.structure(slam), (len(scans.stamps) - 1).bit_length()

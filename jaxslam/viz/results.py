@@ -1,31 +1,39 @@
-"""The picture of a run, from what it leaves behind."""
+"""The picture of a run."""
+
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from jaxslam.pipeline.run import RunResult
 from jaxslam.viz import style
-from jaxslam.viz.maps import plot_map, plot_particles, plot_trajectory
+from jaxslam.viz.maps import plot_map, plot_particles, plot_trajectory, plot_walls
 
 
 def plot_run(
     result: RunResult,
     ax: Axes | None = None,
     *,
+    truth: Any = None,
     label: str = "estimate",
     legend: bool = True,
 ) -> Axes:
-    """Draws the best particle's map and its path, and where all particles are at the end.
+    """Draw the map and the path of the best particle, and where all particles are at the end.
 
     Args:
-        result: of `jaxslam.pipeline.run.run_log`.
+        result: of `jaxslam.run_log`.
         ax: axes to draw on; None for pyplot's current ones.
+        truth: true or reference trajectory with `stamps` and `poses`, and perhaps `walls`; it is drawn dashed.
         label: name of the path in the legend.
         legend: whether to add the legend.
     """
     ax = style.axes_or_current(ax)
     plot_map(result.log_odds, result.grid.resolution, result.grid.origin, ax)
+    if getattr(truth, "walls", None) is not None:
+        plot_walls(truth.walls, ax)
     plot_trajectory(result.trajectory, ax, label=label, legend=False)
+    if truth is not None:
+        plot_trajectory(truth.poses, ax, label="truth", color=style.REFERENCE, linestyle="--", legend=False)
     plot_particles(result.particles, np.exp(result.log_weights.astype(float)), ax)
     if legend:
         style.add_legend(ax)

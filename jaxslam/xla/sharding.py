@@ -37,7 +37,7 @@ def particle_mesh(num_particles: int, devices: Sequence[jax.Device]) -> Mesh | N
     return Mesh(np.array(devices), (PARTICLES,), axis_types=(AxisType.Auto,)) if len(devices) > 1 else None
 
 
-def shared_out(mesh: Mesh | None, tree: Tree, num_particles: int) -> Tree:
+def with_sharding(mesh: Mesh | None, tree: Tree, num_particles: int) -> Tree:
     """The same arrays; those with the particles first, `[N, …]`, on the devices that have them."""
     if mesh is None:
         return tree
@@ -50,7 +50,7 @@ def shared_out(mesh: Mesh | None, tree: Tree, num_particles: int) -> Tree:
     return jax.tree.map(place, tree)
 
 
-def on_each_device(
+def shard_map(
     mesh: Mesh | None, function: Callable[..., Any], by_particle: Sequence[bool]
 ) -> Callable[..., Any]:
     """`function`, called on every device with its own share of the particles.

@@ -11,10 +11,10 @@ import numpy as np
 from jaxslam.config.slam import SlamConfig
 from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
 from jaxslam.io.log import SensorLog
+from jaxslam.localization.amcl import run
 from jaxslam.motion import GaussianMotion
 from jaxslam.pipeline.build import build
 from jaxslam.pipeline.prepare import Prepared, prepare
-from jaxslam.pipeline.run import run
 from jaxslam.sim import make_world, sick, simulate, to_log
 from jaxslam.slam import RBPF, RBPFState
 from tests.benchmarks.programs import Program

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 from jaxslam.core import se2
 from jaxslam.core.types import StepInputs
 from jaxslam.grid.field import prepare_field, window_rows
-from jaxslam.grid.occupancy import add_scan, cells_from_lidar, quantise, range_table
-from jaxslam.grid.walls import outstanding
+from jaxslam.grid.occupancy import add_scan, cells_from_lidar, quantize, range_table
+from jaxslam.grid.walls import thin_walls
 from jaxslam.grid.window import copy_maps, read_windows, window_origin, window_start, write_windows
 from jaxslam.lidar.beams import scan_points
 from jaxslam.matching.gauss_newton import GaussNewton, PosePrior
@@ -32,9 +32,9 @@ def distance_field(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Program:
     origins = jax.vmap(window_origin, (None, 0))(slam.grid, starts)
 
     def prepare(windows, origins, slam):
-        windows = jax.vmap(outstanding, (None, 0))(slam.occupancy, windows)
+        windows = jax.vmap(thin_walls, (None, 0))(slam.occupancy, windows)
         return jax.vmap(prepare_field, (0, None, 0, None, None))(
-            windows, quantise(slam.occupancy.occupied_above), origins, slam.grid.resolution, slam.radius
+            windows, quantize(slam.occupancy.occupied_above), origins, slam.grid.resolution, slam.radius
         )
 
     return Program(prepare, (read_windows(state.maps, starts, shape), origins, slam))

@@ -5,11 +5,12 @@ import json
 import jax
 import numpy as np
 import pytest
+from jaxslam.report.localization import occupancy_levels
 
 from jaxslam.cli import main
 from jaxslam.io import read_tum, write_map, write_tum
-from jaxslam.report.localization import in_map_axes, occupancy_levels
 from jaxslam.sim import sick, simulate
+from jaxslam.viz.localization import in_map_axes
 from tests.localization.worlds import hall_map, room
 
 SMALL = ["--particles", "4096"]

@@ -10,13 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxslam.report.localization import occupancy_levels
 
 from jaxslam.cli import main
 from jaxslam.core.trajectory import interpolate_poses
 from jaxslam.io import read_map, write_map, write_tum
 from jaxslam.range_network import RangeNetwork, load_network, save_network
 from jaxslam.report import file_sha256
-from jaxslam.report.localization import occupancy_levels
 from jaxslam.sim import (
     calibration_distances,
     calibration_run,

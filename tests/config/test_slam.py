@@ -313,7 +313,7 @@ def _log(num_beams: int, field_of_view: float, range_max: float, rate: float) ->
 def test_lidar_is_detected(num_beams, field_of_view, range_max, rate, name):
     preset = detect_lidar(_log(num_beams, field_of_view, range_max, rate))
     assert preset.name == name
-    LidarSettings.of(preset)
+    LidarSettings.from_preset(preset)
 
 
 @pytest.mark.parametrize(
@@ -370,7 +370,7 @@ def test_thinning_is_static():
         "occupancy.limit=50",
         "proposal.search.num_rotations=12",
         "proposal.fine.sigma_cells=0",
-        "proposal.prior_score=-1",
+        "proposal.prior_weight=-1",
     ],
 )
 def test_values_that_make_no_sense_are_refused(assignment):

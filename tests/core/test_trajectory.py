@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from jaxslam.core import se2
 from jaxslam.core.trajectory import (
+    interpolate_along_odometry,
     interpolate_poses,
     net_rotation,
     path_length,
-    poses_along,
     yaw_from_quaternion,
 )
 from jaxslam.io.ranges import clean_ranges, saturated_reading
@@ -141,14 +141,18 @@ def test_importing_the_package_needs_no_optional_dependency():
 
 def test_poses_along_lead_from_one_known_pose_to_the_next():
     odometry = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
-    result = poses_along(odometry, np.array([0, 2]), np.array([[5.0, 0.0, 0.0], [7.2, 0.4, 0.0]]))
+    result = interpolate_along_odometry(
+        odometry, np.array([0, 2]), np.array([[5.0, 0.0, 0.0], [7.2, 0.4, 0.0]])
+    )
     np.testing.assert_allclose(result, [[5.0, 0.0, 0.0], [6.1, 0.2, 0.0], [7.2, 0.4, 0.0]], atol=1e-12)
 
 
 def test_poses_along_weigh_by_the_way_and_not_by_the_count():
     # Three looks while the robot stands, then a metre: standing moves nothing.
     odometry = np.array([[0.0, 0.0, 0.0]] * 3 + [[1.0, 0.0, 0.0]])
-    result = poses_along(odometry, np.array([0, 3]), np.array([[0.0, 0.0, 0.0], [1.3, 0.0, 0.0]]))
+    result = interpolate_along_odometry(
+        odometry, np.array([0, 3]), np.array([[0.0, 0.0, 0.0], [1.3, 0.0, 0.0]])
+    )
     np.testing.assert_allclose(result[:, 0], [0.0, 0.0, 0.0, 1.3], atol=1e-12)
 
 
@@ -159,7 +163,7 @@ def test_poses_along_follow_odometry_where_it_was_right():
     start = np.array([3.0, -2.0, 3.1])
     truth = se2.compose(start, se2.relative(odometry[0], odometry))
     rows = np.array([4, 5, 17, 30])
-    result = poses_along(odometry, rows, truth[rows])
+    result = interpolate_along_odometry(odometry, rows, truth[rows])
     # Rows before the first and after the last known one included, and headings across ±π.
     np.testing.assert_allclose(result[:, :2], truth[:, :2], atol=1e-9)
     np.testing.assert_allclose(se2.wrap(result[:, 2] - truth[:, 2]), 0.0, atol=1e-9)
@@ -168,12 +172,12 @@ def test_poses_along_follow_odometry_where_it_was_right():
 def test_poses_along_average_headings_across_pi():
     odometry = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
     known = np.array([[0.0, 0.0, np.pi - 0.1], [-2.0, 0.0, -np.pi + 0.1]])
-    middle = poses_along(odometry, np.array([0, 2]), known)[1]
+    middle = interpolate_along_odometry(odometry, np.array([0, 2]), known)[1]
     np.testing.assert_allclose(np.abs(middle[2]), np.pi, atol=1e-9)
     np.testing.assert_allclose(middle[0], -1.0, atol=0.02)
 
 
 def test_poses_along_one_known_pose_only():
     odometry = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.5]])
-    result = poses_along(odometry, np.array([1]), np.array([[4.0, 0.0, 0.5]]))
+    result = interpolate_along_odometry(odometry, np.array([1]), np.array([[4.0, 0.0, 0.5]]))
     np.testing.assert_allclose(result, [[3.0, 0.0, 0.0], [4.0, 0.0, 0.5]], atol=1e-12)

@@ -10,7 +10,7 @@ from jaxslam.config.thinning import Thinning
 from jaxslam.fusion import EKF, ImuNoise, OdometerNoise, fuse, merge, yaw_track
 from jaxslam.io.log import ImuTrack, LogError, OdometryTrack, ScanTrack, SensorLog
 from jaxslam.pipeline.fusion import with_fused_odometry
-from jaxslam.pipeline.inputs import prepare_inputs
+from jaxslam.pipeline.inputs import pair_scans
 
 STAMPS = np.arange(0.0, 20.0, 0.1)
 QUERIES = np.arange(0.0, 19.5, 0.5)
@@ -149,7 +149,7 @@ def test_inputs_get_the_fused_increments():
         STAMPS, beams, np.full(len(STAMPS), 8), per_scan, per_scan + 0.7, 0.1, 5.0, np.zeros(3), True, "scan"
     )
     log = SensorLog(Path("circle"), odometry=wheels, imu=imu(), scans=scans)
-    plain = prepare_inputs(log, Thinning(0.5, 0.5))
+    plain = pair_scans(log, Thinning(0.5, 0.5))
     prepared, fused, _ = with_fused_odometry(plain, log)
     delta = np.asarray(prepared.inputs.odometry.delta)
     intervals = np.diff(prepared.stamps)

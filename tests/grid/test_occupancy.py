@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxslam.core.types import LidarScan
-from jaxslam.grid import OccupancyModel, add_scan, cells_from_lidar, probability, quantise, range_table
+from jaxslam.grid import OccupancyModel, add_scan, cells_from_lidar, probability, quantize, range_table
 from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT, NUM_BEARINGS
 
 MODEL = OccupancyModel(hit=2.7, miss=-1.2, limit=15.0, occupied_above=1.5)
@@ -221,9 +221,9 @@ def test_range_table_by_hand():
 
 
 def test_fixed_point():
-    assert int(quantise(2.7)) == round(2.7 / LOG_ODDS_PER_UNIT) == HIT
-    assert int(quantise(1000.0)) == 127
-    assert int(quantise(-1000.0)) == -127
+    assert int(quantize(2.7)) == round(2.7 / LOG_ODDS_PER_UNIT) == HIT
+    assert int(quantize(1000.0)) == 127
+    assert int(quantize(-1000.0)) == -127
     maps = jnp.asarray([[0, 10, 11, -50]], jnp.int8)
     np.testing.assert_allclose(probability(maps)[0], 1 / (1 + np.exp([0.0, -1.5, -1.65, 7.5])), rtol=1e-6)
 

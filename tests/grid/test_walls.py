@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.grid import OccupancyModel, outstanding
+from jaxslam.grid import OccupancyModel, thin_walls
 from jaxslam.grid.walls import NEIGHBOURS
 
 
@@ -22,7 +22,7 @@ def by_loops(window, share):
 def test_a_smeared_wall_becomes_thin():
     window = np.zeros((9, 11), np.int8)
     window[3:6] = np.array([20, 100, 45], np.int8)[:, None]
-    found = np.asarray(outstanding(OccupancyModel(standing_out=0.5), jnp.asarray(window)))
+    found = np.asarray(thin_walls(OccupancyModel(thinning_ratio=0.5), jnp.asarray(window)))
     assert (found[4] == 100).all()
     assert (found[[3, 5]] == -1).all()
     assert (found[[0, 1, 2, 6, 7, 8]] == 0).all()
@@ -31,7 +31,7 @@ def test_a_smeared_wall_becomes_thin():
 def test_a_wall_seen_once_stays():
     window = np.zeros((9, 11), np.int8)
     window[4, ::3] = 18
-    np.testing.assert_array_equal(outstanding(OccupancyModel(), jnp.asarray(window)), window)
+    np.testing.assert_array_equal(thin_walls(OccupancyModel(), jnp.asarray(window)), window)
 
 
 def test_as_loops_say_away_from_the_sides():
@@ -39,7 +39,7 @@ def test_as_loops_say_away_from_the_sides():
     random = np.random.default_rng(1)
     window = random.choice([-60, -3, 0, 5, 18, 40, 99, 127], (40, 30)).astype(np.int8)
     for share in (0.0, 0.25, 0.5, 1.0):
-        found = jax.jit(outstanding)(OccupancyModel(standing_out=share), jnp.asarray(window))
+        found = jax.jit(thin_walls)(OccupancyModel(thinning_ratio=share), jnp.asarray(window))
         inner = np.s_[:, NEIGHBOURS:-NEIGHBOURS]
         np.testing.assert_array_equal(np.asarray(found)[inner], by_loops(window, share)[inner])
 
@@ -47,16 +47,16 @@ def test_as_loops_say_away_from_the_sides():
 def test_no_share_takes_all_cells():
     window = np.full((5, 9), 3, np.int8)
     window[2, 4] = 127
-    np.testing.assert_array_equal(outstanding(OccupancyModel(standing_out=0.0), jnp.asarray(window)), window)
+    np.testing.assert_array_equal(thin_walls(OccupancyModel(thinning_ratio=0.0), jnp.asarray(window)), window)
 
 
 def test_free_and_unknown_cells_stay_what_they_are():
     window = np.zeros((7, 7), np.int8)
     window[3, 3], window[3, 4] = 127, -30
-    found = np.asarray(outstanding(OccupancyModel(), jnp.asarray(window)))
+    found = np.asarray(thin_walls(OccupancyModel(), jnp.asarray(window)))
     np.testing.assert_array_equal(found, window)
 
 
 def test_a_share_over_one_is_refused():
-    with pytest.raises(ValueError, match=r"standing_out is 1\.5"):
-        OccupancyModel(standing_out=1.5)
+    with pytest.raises(ValueError, match=r"thinning_ratio is 1\.5"):
+        OccupancyModel(thinning_ratio=1.5)

@@ -14,9 +14,9 @@ from jaxslam.localization import AMCL, Averages, KLDSampling, Recovery, run
 from jaxslam.localization.start import start_at
 from jaxslam.motion import OmnidirectionalMotion
 from jaxslam.pipeline.build import build_localizer
-from jaxslam.pipeline.inputs import prepare_inputs
+from jaxslam.pipeline.inputs import pair_scans
 from jaxslam.pipeline.localize import localize_log, settled_elsewhere
-from jaxslam.resampling import normalise
+from jaxslam.resampling import normalize
 from jaxslam.sim import sick, simulate, to_log
 from tests.localization.worlds import hall_map
 
@@ -32,7 +32,7 @@ def drive():
     occupancy, world, waypoints = hall_map()
     simulation = simulate(KEY, world, waypoints, lidar=sick(num_beams=61), duration=60.0)
     log = to_log(simulation, in_world_frame=True)
-    prepared = prepare_inputs(log, LocalizationConfig().thinning)
+    prepared = pair_scans(log, LocalizationConfig().thinning)
     return occupancy, prepared, np.asarray(simulation.scan_poses, float)[prepared.scan_index]
 
 
@@ -215,7 +215,7 @@ def test_the_set_grows_by_one_stage_at_a_time(amcl):
 
 def resampled(amcl, poses, log_weights, random_share):
     """How many, all that were drawn, and how many of those that count are random."""
-    particles = (KEY, poses, normalise(log_weights), jnp.int32(poses.shape[0]), jnp.float32(random_share))
+    particles = (KEY, poses, normalize(log_weights), jnp.int32(poses.shape[0]), jnp.float32(random_share))
     count, drawn, log_weights, num_random = jax.jit(lambda a, p: a._resample(8192, p))(amcl, particles)
     np.testing.assert_allclose(log_weights, -np.log(int(count)), rtol=1e-6)
     return int(count), np.asarray(drawn), int(num_random)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from jaxslam.localization import Bins, KLDSampling, KnownMap
+from jaxslam.grid.known_map import KnownMap
+from jaxslam.localization import Bins, KLDSampling
 from tests.localization.worlds import room
 
 SAMPLING = KLDSampling(error=0.05, quantile=2.326, min_particles=2.0)
@@ -59,7 +60,7 @@ def test_all_of_them_where_they_are_not_enough():
 
 
 def test_bins_tell_places_and_headings_apart():
-    known = KnownMap.of(room())
+    known = KnownMap.from_map(room())
     bins = Bins.over(known, 1.0, np.pi / 2)
     assert (bins.columns, bins.rows, bins.num_headings) == (4, 3, 4)
     poses = jnp.asarray([[0.1, 0.1, 0.1], [0.9, 0.9, 1.5], [1.1, 0.1, 0.1], [0.1, 1.1, 0.1], [0.1, 0.1, 1.6]])

@@ -9,11 +9,11 @@ import pytest
 
 from jaxslam.config.slam import SlamConfig
 from jaxslam.config.thinning import Thinning
-from jaxslam.fusion import Fused
+from jaxslam.fusion import FusedMotion
 from jaxslam.io.log import FixTrack, ImuTrack, JointTrack, OdometryTrack, ScanTrack, SensorLog
 from jaxslam.localization import AMCLInfo, Cluster
 from jaxslam.pipeline.build import build
-from jaxslam.pipeline.inputs import prepare_inputs
+from jaxslam.pipeline.inputs import pair_scans
 from jaxslam.pipeline.localize import Cloud, LocalizationResult
 from jaxslam.pipeline.prepare import Prepared
 from jaxslam.pipeline.run import RunResult, Snapshot
@@ -64,9 +64,9 @@ def test_a_log_and_its_tracks_are_counted(value, shown):
 
 
 def test_prepared_inputs_say_how_many_scans_are_left_and_how_far_the_robot_went():
-    inputs = prepare_inputs(LOG, Thinning(min_translation=0.1))
+    inputs = pair_scans(LOG, Thinning(min_translation=0.1))
     # Steps of 1.08 cm: every tenth is the first over 10 cm.
-    assert repr(inputs) == "PreparedInputs(40 of 400 scans of 36 beams, odometry within 5.0 × 2.0 m)"
+    assert repr(inputs) == "PreparedScans(40 of 400 scans of 36 beams, odometry within 5.0 × 2.0 m)"
 
 
 def test_what_is_watched_says_where_it_is():
@@ -118,11 +118,11 @@ def test_a_localisation_tells_whether_it_found_the_robot(agreed, shown, warned):
 
 
 def test_what_is_prepared_tells_particles_maps_and_inputs():
-    inputs = prepare_inputs(LOG, Thinning())
+    inputs = pair_scans(LOG, Thinning())
     slam = build(SlamConfig(num_particles=7), inputs.odometry_bounds)
     maps = f"maps of {slam.grid.width} × {slam.grid.height} cells of 0.05 m"
     assert repr(Prepared(slam, inputs)) == f"Prepared(7 particles, {maps}, {inputs!r})"
-    fused = Fused(
+    fused = FusedMotion(
         STAMPS[:2], POSES[:2], MATRIX[:2], MATRIX[:2], np.zeros((2, 3, 3)), {"odometry": 3, "imu": 9}, {}
     )
     shown = f"Prepared(7 particles, {maps}, {inputs!r}, fused with 9 IMU readings)"

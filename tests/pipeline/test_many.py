@@ -12,7 +12,7 @@ from jaxslam.config.dotted import update
 from jaxslam.config.thinning import Thinning
 from jaxslam.grid import GridSpec, OccupancyModel
 from jaxslam.motion import OdometryMotion
-from jaxslam.pipeline.inputs import PreparedInputs, prepare_inputs
+from jaxslam.pipeline.inputs import PreparedScans, pair_scans
 from jaxslam.pipeline.many import ManyResult, _check_memory, _program, _that_fit, bytes_needed, run_many
 from jaxslam.pipeline.run import run_log
 from jaxslam.proposal import MotionProposal
@@ -26,7 +26,7 @@ KEYS = jnp.stack([jax.random.key(seed) for seed in range(3)])
 SIGMAS = [0.1, 0.3]
 
 
-def drive(seed: int, duration: float) -> PreparedInputs:
+def drive(seed: int, duration: float) -> PreparedScans:
     world, waypoints = hall_small()
     lidar = Lidar(
         num_beams=NUM_BEAMS,
@@ -38,11 +38,11 @@ def drive(seed: int, duration: float) -> PreparedInputs:
         rate=10.0,
     )
     simulation = simulate(jax.random.key(seed), world, waypoints, lidar=lidar, duration=duration)
-    return prepare_inputs(to_log(simulation), Thinning(0.1, 0.2))
+    return pair_scans(to_log(simulation), Thinning(0.1, 0.2))
 
 
 @pytest.fixture(scope="module")
-def prepared() -> PreparedInputs:
+def prepared() -> PreparedScans:
     return drive(0, 6.0)
 
 
@@ -179,7 +179,7 @@ def test_bad_inputs(slam, prepared, monkeypatch):
     with pytest.raises(ValueError, match="0 keys"):
         run_many(slam, KEYS[:0], None, prepared)
     with pytest.raises(ValueError, match="spread over devices already"):
-        run_many(slam.spread_over(jax.devices()), KEYS, None, prepared)
+        run_many(slam.shard(jax.devices()), KEYS, None, prepared)
     monkeypatch.setattr("jaxslam.pipeline.many.physical_memory", lambda: 1e5)
     with pytest.raises(ValueError, match=r"1 runs at once of 4 maps .* GB .* 0.0001 GB there are"):
         run_many(slam, KEYS, None, prepared)
@@ -194,7 +194,7 @@ def test_neither_devices_nor_runs_together_may_be_none(slam, prepared):
         with pytest.raises(ValueError, match=f"2 devices, {together} runs together"):
             run_many(slam, KEYS, None, prepared, together=together)
     with pytest.raises(ValueError, match="no device to spread the particles over"):
-        slam.spread_over([])
+        slam.shard([])
 
 
 @pytest.mark.parametrize(("room", "count"), [(0.5, 1), (1.0, 1), (1.9, 1), (2.1, 2), (4.5, 4), (99.0, 8)])
@@ -241,7 +241,7 @@ def test_the_memory_is_what_the_compiler_says(slam, prepared, together, monkeypa
 
 def test_particles_spread_over_devices_are_the_same_particles(slam, prepared):
     alone = run_log(slam, KEYS[0], prepared)
-    spread = run_log(slam.spread_over(jax.devices()), KEYS[0], prepared)
+    spread = run_log(slam.shard(jax.devices()), KEYS[0], prepared)
     assert alone.resampled.any()
     np.testing.assert_allclose(spread.trajectory, alone.trajectory, atol=1e-5)
     np.testing.assert_array_equal(spread.infos.ancestors, alone.infos.ancestors)
@@ -250,7 +250,7 @@ def test_particles_spread_over_devices_are_the_same_particles(slam, prepared):
 
 def test_a_filter_spread_over_devices_keeps_its_maps_there(slam, prepared):
     """What is sent between devices at a step is a map that is copied, and never all of them."""
-    spread = slam.spread_over(jax.devices())
+    spread = slam.shard(jax.devices())
     state = jax.jit(RBPF.init)(spread, KEYS[0], jnp.asarray(prepared.pose0, jnp.float32))
     assert len(state.maps.sharding.device_set) == 2
     now = jax.tree.map(lambda leaf: leaf[0], prepared.inputs)
@@ -263,5 +263,5 @@ def test_a_filter_spread_over_devices_keeps_its_maps_there(slam, prepared):
 
 def test_particles_that_cannot_be_shared_out(slam):
     with pytest.raises(ValueError, match="5 particles cannot be shared out equally over 2 devices: take 6"):
-        dataclasses.replace(slam, num_particles=5).spread_over(jax.devices())
-    assert slam.spread_over(jax.devices()[:1]).mesh is None
+        dataclasses.replace(slam, num_particles=5).shard(jax.devices())
+    assert slam.shard(jax.devices()[:1]).mesh is None

@@ -12,11 +12,12 @@ from jaxslam.config.thinning import Thinning
 from jaxslam.core import se2
 from jaxslam.core.flags import Flag
 from jaxslam.grid import GridSpec, OccupancyModel
+from jaxslam.localization.amcl import run
 from jaxslam.matching import CorrelativeSearch
 from jaxslam.motion import OdometryMotion
 from jaxslam.pipeline.chunks import CHUNK
-from jaxslam.pipeline.inputs import PreparedInputs, prepare_inputs
-from jaxslam.pipeline.run import RunResult, SlamError, Snapshot, run, run_log
+from jaxslam.pipeline.inputs import PreparedScans, pair_scans
+from jaxslam.pipeline.run import RunResult, SlamError, Snapshot, run_log
 from jaxslam.proposal import MatchedProposal
 from jaxslam.resampling import AdaptiveResampling, SystematicResampler
 from jaxslam.sensor import LikelihoodField
@@ -31,7 +32,7 @@ BLIND = [10, 11, 70]
 
 
 @pytest.fixture(scope="module")
-def prepared() -> PreparedInputs:
+def prepared() -> PreparedScans:
     """Some 6 m of driving; the scans are closer together than the filter wants them."""
     world, waypoints = hall_small()
     lidar = Lidar(
@@ -44,7 +45,7 @@ def prepared() -> PreparedInputs:
         rate=RATE,
     )
     simulation = simulate(jax.random.key(0), world, waypoints, lidar=lidar, duration=DURATION)
-    return prepare_inputs(to_log(simulation), Thinning(0.06, 0.2))
+    return pair_scans(to_log(simulation), Thinning(0.06, 0.2))
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +78,7 @@ def result(slam, prepared, snapshots) -> RunResult:
 
 
 @pytest.fixture(scope="module")
-def blind(prepared) -> PreparedInputs:
+def blind(prepared) -> PreparedScans:
     scan = prepared.inputs.scan
     dark = (scan.ranges.at[jnp.array(BLIND)].set(0.0), scan.valid.at[jnp.array(BLIND)].set(False))
     inputs = eqx.tree_at(lambda i: (i.scan.ranges, i.scan.valid), prepared.inputs, dark)

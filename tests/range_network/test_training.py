@@ -25,14 +25,14 @@ def error_at(distance):
 
 
 def clean(distances) -> Rows:
-    return Rows.of(distances + error_at(distances), distances, resolution=1e-6)
+    return Rows.from_readings(distances + error_at(distances), distances, resolution=1e-6)
 
 
 def noisy(seed, sigma=0.01) -> Rows:
     """200 readings each centimetre, as a lidar gives them, in millimetres."""
     true = np.repeat(np.linspace(1.0, 1.2, 21), 200)
     measured = true + error_at(true) + np.random.default_rng(seed).normal(0.0, sigma, len(true))
-    return Rows.of(np.round(measured, 3), true)
+    return Rows.from_readings(np.round(measured, 3), true)
 
 
 def drawn(seed=0, rows=None, num_neurons=20) -> RangeNetwork:
@@ -51,7 +51,7 @@ def test_rows_keep_the_error_of_single_readings(seed):
     rng = np.random.default_rng(seed)
     true = np.repeat(np.linspace(1.0, 1.2, 21), 200)
     measured = np.round(true + error_at(true) + rng.normal(0.0, 0.01, len(true)), 3)
-    rows = Rows.of(measured, true)
+    rows = Rows.from_readings(measured, true)
     # Some 300 different millimetres, in each of which readings of several distances lie.
     assert len(np.unique(measured)) == len(rows.measured) < 400
     assert float(rows.scatter) > 1e-5
@@ -63,7 +63,7 @@ def test_rows_keep_the_error_of_single_readings(seed):
 
 
 def test_rows_by_hand():
-    rows = Rows.of(np.array([1.0, 2.0, 1.0004, 1.0]), np.array([1.1, 2.1, 1.1, 1.4]))
+    rows = Rows.from_readings(np.array([1.0, 2.0, 1.0004, 1.0]), np.array([1.1, 2.1, 1.1, 1.4]))
     np.testing.assert_allclose(rows.measured, [1.0 + 0.0004 / 3, 2.0], rtol=1e-6)
     np.testing.assert_allclose(rows.true, [1.2, 2.1], rtol=1e-6)
     np.testing.assert_allclose(rows.weight, [0.75, 0.25], rtol=1e-6)
@@ -101,7 +101,7 @@ def test_the_step_of_the_lowest_validation_error_is_kept(train):
 def test_training_that_goes_on_overfits():
     """What early stopping is for: the last step is worse between the distances than the one that is kept."""
     scatter = np.random.default_rng(0).normal(0.0, 0.02, len(LEARNT))
-    scattered = Rows.of(LEARNT + error_at(LEARNT) + scatter, LEARNT, resolution=1e-6)
+    scattered = Rows.from_readings(LEARNT + error_at(LEARNT) + scatter, LEARNT, resolution=1e-6)
     fit = fit_levenberg_marquardt(drawn(0, scattered), scattered, clean(BETWEEN), 300)
     assert np.isfinite(fit.history).all()
     kept, last = fit.mse, fit.history[-1]

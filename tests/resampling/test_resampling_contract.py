@@ -36,7 +36,7 @@ NUM_KEYS = 20_000
 
 def logs(weights) -> jnp.ndarray:
     with np.errstate(divide="ignore"):
-        # An offset as a log-likelihood has: the scheme must normalise.
+        # An offset as a log-likelihood has: the scheme must normalize.
         return jnp.asarray(np.log(weights) - 250.0, jnp.float32)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxslam.core import se2
-from jaxslam.sim import Drive, Imu, Robot, drive, hall_small, sample_times
+from jaxslam.sim import Drive, Imu, Robot, follow_tour, hall_small, sample_times
 
 SILENT = Imu(
     rate_noise_density=0.0,
@@ -36,7 +36,7 @@ def standing() -> Drive:
 
 def test_without_errors_it_tells_the_truth() -> None:
     _, tour = hall_small()
-    motion = drive(Robot(), jnp.asarray(tour, jnp.float32), 10_000)
+    motion = follow_tour(Robot(), jnp.asarray(tour, jnp.float32), 10_000)
     inertial = run(SILENT, jax.random.key(0), motion)
     poses, velocities = motion.at(TIMES)
     np.testing.assert_array_equal(inertial.yaw_rates, velocities[:, 2])

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.sim import Drive, Robot, drive, hall_large, hall_small, random_hall, start_pose
+from jaxslam.sim import Drive, Robot, follow_tour, hall_large, hall_small, random_hall, start_pose
 from jaxslam.sim.robot import advance
 
 NUM_STEPS = 20_000  # 200 s
@@ -18,7 +18,7 @@ def drive_in(builder) -> tuple[np.ndarray, np.ndarray, Drive]:
     return (
         np.asarray(world.segments, np.float64),
         tour,
-        drive(Robot(), jnp.asarray(tour, jnp.float32), NUM_STEPS),
+        follow_tour(Robot(), jnp.asarray(tour, jnp.float32), NUM_STEPS),
     )
 
 
@@ -84,20 +84,20 @@ def test_tours_of_the_halls_end_within_200_s(builder) -> None:
 def test_it_starts_at_rest_facing_the_second_waypoint() -> None:
     tour = np.array([[1.0, 2.0], [1.0, 5.0], [4.0, 5.0]])
     np.testing.assert_allclose(start_pose(tour), [1, 2, math.pi / 2])
-    motion = drive(Robot(), jnp.asarray(tour, jnp.float32), 10)
+    motion = follow_tour(Robot(), jnp.asarray(tour, jnp.float32), 10)
     np.testing.assert_allclose(motion.poses[0], start_pose(tour), rtol=1e-6)
     assert motion.velocities[0, 0] == pytest.approx(0.5 / 100)
 
 
 def test_it_turns_round_at_the_end_of_a_dead_end() -> None:
     tour = jnp.array([[0.0, 0.0], [3.0, 0.0]])
-    motion = drive(Robot(), tour, 3000)
+    motion = follow_tour(Robot(), tour, 3000)
     assert motion.targets[-1] >= 3
     assert np.abs(motion.poses[:, 1]).max() < 0.3
 
 
 def test_poses_between_steps_lie_on_the_arc() -> None:
-    motion = drive(Robot(), jnp.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]]), 400)
+    motion = follow_tour(Robot(), jnp.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]]), 400)
     times = np.array([0.0, 3.004, 4.0])
     poses, velocities = motion.at(times)
     np.testing.assert_array_equal(poses[0], motion.poses[0])

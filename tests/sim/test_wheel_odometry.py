@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxslam.core import se2
-from jaxslam.sim import Drive, Robot, WheelOdometry, drive, hall_small, sample_times
+from jaxslam.sim import Drive, Robot, WheelOdometry, follow_tour, hall_small, sample_times
 from jaxslam.sim.robot import advance
 
 PERFECT = WheelOdometry(sigma_radius_error=0.0, sigma_track_width_error=0.0, sigma_slip=0.0)
@@ -35,7 +35,7 @@ def run(wheels: WheelOdometry, motion: Drive):
 
 def test_without_errors_it_follows_the_true_drive() -> None:
     _, tour = hall_small()
-    motion = drive(Robot(), jnp.asarray(tour, jnp.float32), 10_000)
+    motion = follow_tour(Robot(), jnp.asarray(tour, jnp.float32), 10_000)
     odometry = run(PERFECT, motion)
     true = se2.relative(jnp.broadcast_to(motion.poses[0], (5001, 3)), motion.poses[::2])
     error = np.asarray(odometry.poses - true)
@@ -132,7 +132,7 @@ def test_systematic_errors_have_the_given_spread() -> None:
 
 def test_default_drift_over_100_metres_is_what_the_docstring_says() -> None:
     _, tour = hall_small()
-    motion = drive(Robot(), jnp.asarray(tour, jnp.float32), 13_000)
+    motion = follow_tour(Robot(), jnp.asarray(tour, jnp.float32), 13_000)
     step = int(np.searchsorted(np.cumsum(motion.velocities[:, 0]) / 100, 100.0)) // 2 * 2
     times = sample_times(50.0, 130.0, phase=0.0)
     keys = jax.random.split(jax.random.key(0), 200)

@@ -8,7 +8,7 @@ import pytest
 
 from jaxslam.core.flags import Flag
 from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
-from jaxslam.grid import GridSpec, OccupancyModel, quantise
+from jaxslam.grid import GridSpec, OccupancyModel, quantize
 from jaxslam.matching import CorrelativeSearch
 from jaxslam.motion import OdometryMotion
 from jaxslam.proposal import MatchedProposal, MotionProposal
@@ -311,7 +311,7 @@ def test_longer_returns_clear_and_do_not_hit():
     state = slam.init(jax.random.key(0), jnp.zeros(3, jnp.float32))
     after, _ = step(slam, jax.random.key(0), state, one(inputs_of(), 0))
     # The room is wider than 1 m on every side but for the wall 1.3 m away.
-    assert set(np.unique(after.maps)) == {0, int(quantise(slam.occupancy.miss))}
+    assert set(np.unique(after.maps)) == {0, int(quantize(slam.occupancy.miss))}
 
 
 def test_returns_beyond_the_usable_range_do_not_weigh():

@@ -4,10 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxslam.localization.scan_model import share_on_map
 
 from jaxslam.core.types import LidarScan
-from jaxslam.localization import BeamModel, BeamSkipping, FieldModel, KnownMap
-from jaxslam.localization.scan_model import share_on_map
+from jaxslam.grid.known_map import KnownMap
+from jaxslam.localization import BeamModel, BeamSkipping, FieldModel
 from jaxslam.sensor.beam import Beam
 from tests.localization.worlds import room
 
@@ -41,7 +42,7 @@ POSE = (1.25, 1.25, 0.0)
 
 
 def test_product_by_hand():
-    known = KnownMap.of(room())
+    known = KnownMap.from_map(room())
     model = FieldModel(sigma_hit=0.5, independent_beams=2.0)
     # Ahead into the wall cell (7), right half a metre short of its wall (0), left in the room's middle.
     scan = scan_of([0.5, 2.5, 0.5])
@@ -50,7 +51,7 @@ def test_product_by_hand():
 
 
 def test_cubes_by_hand():
-    known = KnownMap.of(room())
+    known = KnownMap.from_map(room())
     model = FieldModel(sigma_hit=0.5, z_hit=0.5, z_rand=0.5, max_range=10.0, combine="cubes")
     each = [0.5 * np.exp(-0.5 * (d / 0.5) ** 2) + 0.05 for d in (0.5, 0.0, 1.0)]
     expected = np.log(1 + np.sum(np.power(each, 3)))
@@ -63,15 +64,15 @@ def test_map_and_robot_moved_together_change_nothing(origin, model):
     from jaxslam.core import se2
 
     scan = scan_of([0.9, 2.2, 1.1], lidar=(0.1, -0.05, 0.2))
-    here = log_likelihood(model, KnownMap.of(room()), scan, POSE)
+    here = log_likelihood(model, KnownMap.from_map(room()), scan, POSE)
     moved = se2.compose(jnp.asarray(origin, jnp.float32), jnp.asarray(POSE, jnp.float32))
-    there = log_likelihood(model, KnownMap.of(room(origin=origin)), scan, moved)
+    there = log_likelihood(model, KnownMap.from_map(room(origin=origin)), scan, moved)
     assert there == pytest.approx(here, rel=1e-3, abs=1e-4)
 
 
 @pytest.mark.parametrize("model", [FieldModel(), FieldModel(combine="cubes"), BeamModel(Beam(10.0))])
 def test_the_right_place_is_the_likeliest(model):
-    known = KnownMap.of(room())
+    known = KnownMap.from_map(room())
     scan = scan_of([1.0, 2.5, 1.5])
     right = log_likelihood(model, known, scan, POSE)
     assert right > log_likelihood(model, known, scan, (2.25, 1.25, 0.0))
@@ -79,7 +80,7 @@ def test_the_right_place_is_the_likeliest(model):
 
 
 def test_beams_off_the_map_and_odd_poses_are_harmless():
-    known = KnownMap.of(room())
+    known = KnownMap.from_map(room())
     far = log_likelihood(FieldModel(independent_beams=1.0), known, scan_of([500.0, 500.0, 500.0]), POSE)
     assert far == pytest.approx(np.log(0.05), rel=1e-3)
     for pose in [(1e6, -1e6, 0.0), (np.nan, 1.0, 0.0), (1.0, np.inf, 0.0), (1.0, 1.0, np.nan)]:
@@ -89,13 +90,13 @@ def test_beams_off_the_map_and_odd_poses_are_harmless():
 
 
 def test_a_scan_without_a_return_says_nothing():
-    known = KnownMap.of(room())
+    known = KnownMap.from_map(room())
     assert log_likelihood(FieldModel(), known, scan_of([0.0, 0.0, 0.0]), POSE) == 0.0
     assert np.isnan(float(share_on_map(known, scan_of([0.0, 0.0, 0.0]), jnp.asarray(POSE, jnp.float32), 0.3)))
 
 
 def test_more_beams_do_not_make_a_scan_say_more():
-    known = KnownMap.of(room())
+    known = KnownMap.from_map(room())
     angles = np.linspace(-0.2, 0.2, 61)
     scan = scan_of(np.full(61, 2.0), angles[0], angles[1] - angles[0])
     few, many = (
@@ -106,13 +107,13 @@ def test_more_beams_do_not_make_a_scan_say_more():
 
 def test_near_is_no_farther_than_the_maps_distances_tell():
     # Cut off at 0.2 m, every cell off the walls is as far as any other: it is not near.
-    known = KnownMap.of(room(), max_distance=0.2)
+    known = KnownMap.from_map(room(), max_distance=0.2)
     found = share_on_map(known, scan_of([0.5, 2.5, 1.5]), jnp.asarray(POSE, jnp.float32), 0.3)
     assert float(found) == pytest.approx(2 / 3)
 
 
 def test_a_beam_never_counts_for_more_than_one():
-    known = KnownMap.of(room())
+    known = KnownMap.from_map(room())
     model = FieldModel(sigma_hit=0.5, independent_beams=10.0)
     found = log_likelihood(model, known, scan_of([0.5, 0.0, 0.0]), POSE)
     assert found == pytest.approx(np.log(beam(0.5, 0.5)), rel=1e-4)
@@ -127,7 +128,7 @@ def test_beams_that_are_not_looked_at_are_not_counted():
 @pytest.mark.parametrize("model", [FieldModel(sigma_hit=0.5, independent_beams=1.0), BeamModel(Beam(10.0))])
 def test_a_lidar_off_the_centre_sees_from_where_it_is(model):
     """Half a metre ahead on the robot and turned left: its beam ahead is one to the robot's left."""
-    known = KnownMap.of(room())
+    known = KnownMap.from_map(room())
     mounted = scan_of([1.5], angles_from=0.0, lidar=(0.5, 0.0, np.pi / 2))
     there = scan_of([1.5], angles_from=0.0)
     expected = log_likelihood(model, known, there, (POSE[0] + 0.5, POSE[1], np.pi / 2))
@@ -137,7 +138,7 @@ def test_a_lidar_off_the_centre_sees_from_where_it_is(model):
 
 
 def test_share_on_the_map():
-    known = KnownMap.of(room())
+    known = KnownMap.from_map(room())
     found = share_on_map(known, scan_of([0.5, 2.5, 1.5]), jnp.asarray(POSE, jnp.float32), 0.3)
     assert float(found) == pytest.approx(2 / 3)
 
@@ -153,7 +154,7 @@ def test_skipping_leaves_out_what_nobody_explains():
 
 
 def test_skipping_takes_a_passer_by_out_of_the_score():
-    known = KnownMap.of(room())
+    known = KnownMap.from_map(room())
     clean, disturbed = scan_of([1.0, 2.5, 1.5]), scan_of([1.0, 0.9, 1.5])
     model = FieldModel(skipping=BeamSkipping(near=0.4, enabled=True))
     score = log_likelihood(model, known, disturbed, POSE, YES)
@@ -162,7 +163,7 @@ def test_skipping_takes_a_passer_by_out_of_the_score():
 
 
 def test_the_sum_over_beams_is_that_of_single_look_ups():
-    known = KnownMap.of(room())
+    known = KnownMap.from_map(room())
     model = FieldModel(independent_beams=7.0)
     table = np.asarray(model.prepare(known)).reshape(8, 10)
     scan = scan_of(np.linspace(0.2, 3.0, 7), -1.5, 0.5)

@@ -1,4 +1,4 @@
-"""A map that is given: where its obstacles are, how far each cell lies from them, where a robot can be."""
+"""A given map: its obstacles, the distance of each cell to them, and the cells where a robot can be."""
 
 import equinox as eqx
 import jax
@@ -7,15 +7,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jaxslam.core import se2
-from jaxslam.grid.distance import distance_to_nearest
+from jaxslam.grid.cell_table import BORDER, CellTable
+from jaxslam.grid.distance import MAX_RADIUS, distance_to_nearest
+from jaxslam.grid.field import Field, field_of_map
 from jaxslam.io.map_server import OccupancyMap
-
-BORDER = 1
-"""Cells of nothing around the map: a look-up beside it is moved there."""
 
 
 class KnownMap(eqx.Module):
-    """A map to localise in; made once, by `of`.
+    """A map to localise in; made once, by `from_map`.
 
     Its cells lie along the map frame, which `origin` puts into the world, turned or not.
 
@@ -37,7 +36,7 @@ class KnownMap(eqx.Module):
     max_distance: Float[Array, ""]
 
     @classmethod
-    def of(cls, occupancy: OccupancyMap, max_distance: float = 2.0) -> "KnownMap":
+    def from_map(cls, occupancy: OccupancyMap, max_distance: float = 2.0) -> "KnownMap":
         """Prepares a map: its distances and its free cells.
 
         Args:
@@ -49,10 +48,12 @@ class KnownMap(eqx.Module):
         """
         size = f"{occupancy.occupied.shape[1]} × {occupancy.occupied.shape[0]} cells"
         if not occupancy.occupied.any():
-            raise ValueError(f"the map ({size}) has no occupied cell, so no scan can be matched to it")
+            raise ValueError(
+                f"{occupancy.name}: none of its {size} is occupied, so no scan can be matched to it"
+            )
         if not occupancy.free.any():
             raise ValueError(
-                f"the map ({size}) has no free cell, so there is nowhere for the robot to be: check its "
+                f"{occupancy.name}: none of its {size} is free, so there is no place for the robot: check its "
                 "thresholds and negate"
             )
         occupied = jnp.asarray(occupancy.occupied)
@@ -85,13 +86,31 @@ class KnownMap(eqx.Module):
         heading = jax.random.uniform(key_heading, (count, 1), jnp.float32, -jnp.pi, jnp.pi)
         return jax.vmap(se2.compose, (None, 0))(self.origin, jnp.concatenate([points, heading], axis=-1))
 
-    def in_cells(self, poses: Float[Array, "N 3"]) -> Float[Array, "N 3"]:
-        """Poses `[N, 3]` in the map's axes: column and row, not rounded, and the heading in radians."""
-        local = jax.vmap(se2.relative, (None, 0))(self.origin, poses)
+    def to_map(self, poses: Float[Array, "N 3"]) -> Float[Array, "N 3"]:
+        """Return world poses `[N, 3]` in the frame of the map (m, m, rad)."""
+        return jax.vmap(se2.relative, (None, 0))(self.origin, poses)
+
+    def to_cells(self, poses: Float[Array, "N 3"]) -> Float[Array, "N 3"]:
+        """Return world poses `[N, 3]` as column and row, not rounded, and heading in the map (rad)."""
+        local = self.to_map(poses)
         return jnp.concatenate([local[:, :2] / self.resolution, local[:, 2:]], axis=-1)
+
+    def field(self) -> Field:
+        """Return the distance field of the whole map, in the frame of the map."""
+        return field_of_map(self.occupied, jnp.zeros(2, jnp.float32), self.resolution, MAX_RADIUS)
+
+    def table(self, values: Float[Array, "height width"]) -> CellTable:
+        """Return a table of one value per cell; `values` has the shape of `distance`."""
+        height, width = self.shape
+        return CellTable(values.reshape(-1), self.resolution, height, width)
+
+    def near_obstacles(self, near: float | Float[Array, ""]) -> CellTable:
+        """Return a table with 1 in the cells within `near` meters of an obstacle, and 0 elsewhere."""
+        # `distance` is truncated at `max_distance`, which stands for every larger distance.
+        return self.table((self.distance < jnp.minimum(near, self.max_distance)).astype(jnp.float32))
 
     def is_free(self, pose: Float[Array, "3"]) -> Bool[Array, ""]:
         """Whether a pose `[3]` (world frame) lies in a free cell of the map."""
-        column, row = jnp.floor(self.in_cells(pose[None])[0, :2]).astype(jnp.int32)
+        column, row = jnp.floor(self.to_cells(pose[None])[0, :2]).astype(jnp.int32)
         inside = (column >= 0) & (column < self.shape[1]) & (row >= 0) & (row < self.shape[0])
         return inside & jnp.any(self.free == row * self.shape[1] + column)

@@ -7,8 +7,8 @@ import pytest
 from scipy.ndimage import distance_transform_edt
 
 from jaxslam.grid.distance import distance_to_nearest
+from jaxslam.grid.known_map import KnownMap
 from jaxslam.io import OccupancyMap
-from jaxslam.localization import KnownMap
 from tests.localization.worlds import room
 
 ORIGINS = {"upright": (1.0, -2.0, 0.0), "turned": (1.0, -2.0, 0.7), "upside down": (0.0, 0.0, np.pi)}
@@ -29,7 +29,7 @@ def test_distance_without_an_obstacle_is_the_reach():
 
 
 def test_map_has_a_border_of_nothing():
-    known = KnownMap.of(room(), max_distance=2.0)
+    known = KnownMap.from_map(room(), max_distance=2.0)
     distance = np.asarray(known.distance)
     assert distance.shape == (8, 10)
     assert (distance[[0, -1]] == 2.0).all()
@@ -41,7 +41,7 @@ def test_map_has_a_border_of_nothing():
 
 @pytest.mark.parametrize("origin", ORIGINS.values(), ids=ORIGINS.keys())
 def test_free_poses_are_free_and_cover_all(origin):
-    known = KnownMap.of(room(origin=origin))
+    known = KnownMap.from_map(room(origin=origin))
     poses = known.draw_free(jax.random.key(0), 4000)
     assert bool(jnp.all(jax.vmap(known.is_free)(poses)))
     cells = np.floor(np.asarray(known.in_cells(poses))[:, :2]).astype(int)
@@ -55,7 +55,7 @@ def test_free_poses_are_free_and_cover_all(origin):
 
 
 def test_a_turned_map_turns_the_world():
-    known = KnownMap.of(room(origin=(1.0, -2.0, np.pi / 2)))
+    known = KnownMap.from_map(room(origin=(1.0, -2.0, np.pi / 2)))
     # A metre along the map's x axis is one up in the world.
     cells = known.in_cells(jnp.asarray([[1.0, -1.0, np.pi / 2]], jnp.float32))
     np.testing.assert_allclose(cells, [[2.0, 0.0, 0.0]], atol=1e-5)
@@ -65,13 +65,13 @@ def test_a_turned_map_turns_the_world():
     ("point", "free"), [((1.2, 1.2), True), ((0.2, 0.2), False), ((-1.0, 1.0), False), ((9.0, 1.0), False)]
 )
 def test_free_or_not(point, free):
-    known = KnownMap.of(room())
+    known = KnownMap.from_map(room())
     assert bool(known.is_free(jnp.asarray([*point, 0.3], jnp.float32))) == free
 
 
 def test_maps_that_nobody_can_be_in_are_refused():
     cells = np.zeros((3, 3), bool)
     with pytest.raises(ValueError, match="no occupied cell"):
-        KnownMap.of(OccupancyMap(cells, ~cells, 0.1, np.zeros(3)))
+        KnownMap.from_map(OccupancyMap(cells, ~cells, 0.1, np.zeros(3)))
     with pytest.raises(ValueError, match="no free cell, so there is nowhere for the robot to be"):
-        KnownMap.of(OccupancyMap(~cells, cells, 0.1, np.zeros(3)))
+        KnownMap.from_map(OccupancyMap(~cells, cells, 0.1, np.zeros(3)))

@@ -1,10 +1,10 @@
-"""`computed_once` changes when a table is computed, and nothing else."""
+"""`materialize` changes when a table is computed, and nothing else."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxslam.xla.materialise import computed_once
+from jaxslam.xla.materialize import materialize
 
 
 def table_of(values):
@@ -13,20 +13,20 @@ def table_of(values):
 
 def test_it_returns_what_the_function_returns():
     values = jnp.linspace(0.0, 3.0, 50)
-    found = computed_once(table_of, values)
+    found = materialize(table_of, values)
     np.testing.assert_allclose(found, table_of(values), rtol=1e-6)
     assert not found.weak_type
-    np.testing.assert_array_equal(jax.jit(lambda v: computed_once(table_of, v))(values), found)
+    np.testing.assert_array_equal(jax.jit(lambda v: materialize(table_of, v))(values), found)
 
 
 def test_types_and_pytrees_pass_through():
     operand = (jnp.arange(4, dtype=jnp.uint8), jnp.asarray([True, False, True, True]))
-    found = computed_once(lambda pair: jnp.where(pair[1], pair[0], jnp.uint8(9)), operand)
+    found = materialize(lambda pair: jnp.where(pair[1], pair[0], jnp.uint8(9)), operand)
     assert found.dtype == jnp.uint8
     np.testing.assert_array_equal(found, [0, 9, 2, 3])
 
 
 def test_it_batches():
     values = jnp.linspace(0.0, 3.0, 60).reshape(3, 20)
-    together = jax.jit(jax.vmap(lambda v: computed_once(table_of, v)))(values)
+    together = jax.jit(jax.vmap(lambda v: materialize(table_of, v)))(values)
     np.testing.assert_allclose(together, jax.vmap(table_of)(values), rtol=1e-6)

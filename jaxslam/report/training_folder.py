@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from jaxslam.range_network.learning import Learnt, Split
+from jaxslam.range_network.learning import Split, TrainingResult
 from jaxslam.range_network.network import RangeNetwork
 from jaxslam.range_network.readings import Readings
 from jaxslam.report.folder import write_json
@@ -131,7 +131,7 @@ def error_table(rows: list[DistanceErrors]) -> str:
 
 
 def write_training(
-    folder: Path, learnt: Learnt, readings: Readings, origin: dict[str, object]
+    folder: Path, learnt: TrainingResult, readings: Readings, origin: dict[str, object]
 ) -> list[DistanceErrors]:
     """Writes the figures and `training.json` into a folder that is there; returns the error by distance.
 
@@ -154,7 +154,9 @@ def write_training(
     return rows
 
 
-def _save_figures(folder: Path, learnt: Learnt, readings: Readings, rows: list[DistanceErrors]) -> None:
+def _save_figures(
+    folder: Path, learnt: TrainingResult, readings: Readings, rows: list[DistanceErrors]
+) -> None:
     """Figures 8 to 13: readings over distances, errors, histograms at two distances, standard deviations."""
     distance = np.array([row.distance for row in rows])
     held_out = np.array([row.role == "held out" for row in rows])

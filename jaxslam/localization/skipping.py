@@ -1,0 +1,75 @@
+"""Beam skipping: leave out the beams that hardly any particle explains."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jaxslam.core.types import LidarScan
+from jaxslam.core.validation import require_at_least_zero
+from jaxslam.grid.known_map import KnownMap
+from jaxslam.lidar.beams import end_points, spread_beams
+
+
+class BeamSkipping(eqx.Module):
+    """Leaves out the beams that hardly any particle explains: people, and what has been moved.
+
+    Only once the particles agree: before that most of them are elsewhere.
+
+    Attributes:
+        near: a beam agrees with the map if it ends within so many metres of an obstacle.
+        min_share: beams that agree for a smaller share of the particles are left out.
+        max_skipped: where more than this share of the beams would be left out, none is: then the particles
+            are wrong and not the beams.
+        enabled: whether it is done at all (static).
+    """
+
+    near: float | Float[Array, ""] = 0.5
+    min_share: float | Float[Array, ""] = 0.3
+    max_skipped: float | Float[Array, ""] = 0.9
+    enabled: bool = eqx.field(static=True, default=False)
+
+    def __check_init__(self):
+        require_at_least_zero(self)
+
+    def kept(
+        self, shares: Float[Array, "B"], valid: Bool[Array, "B"], converged: Bool[Array, ""]
+    ) -> Bool[Array, "B"]:
+        """Which of the valid beams `[B]` are used.
+
+        Args:
+            shares: `[B]` share of the particles for which a beam ends near an obstacle.
+            valid: `[B]` beams that returned.
+            converged: whether the particles agree.
+        """
+        kept = valid & (shares > self.min_share)
+        num_valid = jnp.maximum(jnp.sum(valid, dtype=jnp.float32), 1.0)
+        skipped = 1.0 - jnp.sum(kept, dtype=jnp.float32) / num_valid
+        return jnp.where(converged & (skipped <= self.max_skipped), kept, valid)
+
+    def skip(
+        self,
+        map: KnownMap,
+        scan: LidarScan,
+        poses: Float[Array, "N 3"],
+        active: Bool[Array, "N"],
+        converged: Bool[Array, ""],
+        max_beams: int,
+    ) -> LidarScan:
+        """Return the scan with the skipped beams marked as not valid.
+
+        Args:
+            map: the known map.
+            scan: ranges `[B]` in meters and mask `[B]`.
+            poses: `[N, 3]` base poses in the frame of the map (m, m, rad).
+            active: `[N]` which particles count.
+            converged: whether the particles agree.
+            max_beams: beams that the sensor model scores, evenly spread over the scan.
+        """
+        if not self.enabled:
+            return scan
+        points, valid = end_points(scan, max_beams)
+        weights = active.astype(jnp.float32) / jnp.maximum(jnp.sum(active, dtype=jnp.float32), 1.0)
+        shares = map.near_obstacles(self.near).sum_over_poses(poses, points, weights)
+        scored = spread_beams(scan.num_beams, max_beams)
+        kept = scan.valid.at[scored].set(self.kept(shares, valid, converged))
+        return eqx.tree_at(lambda s: s.valid, scan, kept)

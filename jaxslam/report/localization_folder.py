@@ -1,0 +1,99 @@
+"""The run folder of a localization: trajectory, figures, the particles on the map."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from jaxslam.config import toml
+from jaxslam.config.dotted import flatten
+from jaxslam.config.localization import LocalizationConfig
+from jaxslam.io import write_tum
+from jaxslam.metrics import TrajectoryError
+from jaxslam.metrics.summary import trajectory_figures
+from jaxslam.pipeline.localize import LocalizationResult
+from jaxslam.report.folder import make_folder, write_json
+from jaxslam.report.provenance import peak_rss_mb, versions
+from jaxslam.viz.localization import plot_localization, save_localization_curves
+
+
+def save_localization(result: LocalizationResult, folder: Path) -> Path:
+    """Write a localization into a folder, which is made if it does not exist.
+
+    Returns:
+        The path of the picture.
+    """
+    make_folder(folder)
+    write_localization(folder, result, origin={"versions": versions()})
+    return folder / "cloud.png"
+
+
+def write_localization(
+    folder: Path,
+    result: LocalizationResult,
+    *,
+    origin: Mapping[str, object],
+    error: TrajectoryError | None = None,
+) -> dict[str, object]:
+    """Write every result of a localization into an existing folder.
+
+    Args:
+        folder: where to write.
+        result: of `localize_log`.
+        origin: goes into `run.json`: command, seed, log, map, start, versions.
+        error: against a reference, or None.
+
+    Returns:
+        The content of `metrics.json`.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    metrics = _figures(result)
+    if error is not None:
+        metrics["ate"] = trajectory_figures(error)
+    write_tum(folder / "trajectory.tum", result.all_stamps, result.all_poses)
+    figure = Figure(figsize=(9.0, 8.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    plot_localization(result, figure.subplots())
+    figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize="small")
+    figure.savefig(folder / "cloud.png", dpi=150)
+    save_localization_curves(folder / "particles.png", result)
+    run: dict[str, object] = dict(origin)
+    config = result.scans.config
+    if isinstance(config, LocalizationConfig):
+        toml.save(folder / "config.toml", config)
+        run["configuration"] = flatten(config)
+    write_json(folder / "run.json", run)
+    write_json(folder / "metrics.json", metrics)
+    return metrics
+
+
+def _figures(result: LocalizationResult) -> dict[str, object]:
+    agreed, infos = result.agreed, result.infos
+    after = result.converged_after_s
+    beams = min(result.scans.inputs.scan.num_beams, result.scored_beams)
+    evaluated = float(np.sum(np.asarray(infos.num_particles, float))) * beams
+    scores = np.asarray(infos.match_score, float)
+    # Before the particles agree there is no estimate whose fit could be measured.
+    counted = scores[agreed & np.isfinite(scores)]
+    return {
+        "scans_in": len(result.all_stamps),
+        "scans_processed": len(result.stamps),
+        "converged": result.converged,
+        "converged_after_s": None if np.isnan(after) else after,
+        "kidnapped_events": result.kidnapped_events,
+        "lost_steps": int(np.count_nonzero(infos.lost)),
+        "match_score": float(counted.mean()) if counted.size else float("nan"),
+        "particles_median": float(np.median(infos.num_particles)),
+        "particles_max": int(np.max(infos.num_particles)),
+        "random_particles": int(np.sum(infos.num_random, dtype=np.int64)),
+        "resamplings": int(np.count_nonzero(infos.resampled)),
+        "compile_s": result.compile_s,
+        "run_s": result.run_s,
+        "ms_per_scan": result.ms_per_scan,
+        "beam_evaluations_per_s": evaluated / result.run_s,
+        "peak_rss_mb": peak_rss_mb(),
+    }

@@ -1,0 +1,74 @@
+"""Results as a notebook shows them: a table of figures and a picture."""
+
+import base64
+import html
+import io
+from collections.abc import Mapping
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from jaxslam.pipeline.localize import LocalizationResult
+from jaxslam.pipeline.run import RunResult
+from jaxslam.viz.localization import plot_localization
+from jaxslam.viz.results import plot_run
+
+
+def run_png(result: RunResult) -> bytes:
+    """Return the picture of a run as the bytes of a PNG file."""
+    figure = Figure(figsize=(6.0, 5.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    plot_run(result, figure.subplots())
+    return _png(figure)
+
+
+def run_html(result: RunResult) -> str:
+    """Return the picture of a run above the figures that one looks at first, as HTML."""
+    height, width = result.log_odds.shape
+    side = float(result.grid.resolution)
+    rows = {
+        "scans": f"{len(result.stamps)} processed of {result.scans.num_scans}",
+        "particles": str(len(result.particles)),
+        "map": f"{width * side:.1f} × {height * side:.1f} m, cells of {side:.3g} m",
+        "time": f"{result.ms_per_scan:.2f} ms per scan, {result.compile_s:.1f} s to compile",
+        "resamplings": str(int(result.resampled.sum())),
+    }
+    rows |= {"warnings": "; ".join(result.warnings)} if result.warnings else {}
+    return picture_html(run_png(result), rows)
+
+
+def localization_png(result: LocalizationResult) -> bytes:
+    """Return the picture of a localization as the bytes of a PNG file."""
+    figure = Figure(figsize=(6.0, 5.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    plot_localization(result, figure.subplots())
+    return _png(figure)
+
+
+def localization_html(result: LocalizationResult) -> str:
+    """Return the picture of a localization above the figures that one looks at first, as HTML."""
+    rows = {
+        "scans": f"{len(result.stamps)} processed of {len(result.all_stamps)}",
+        "particles": f"{result.infos.num_particles[0]} at first, {len(result.particles)} at the end",
+        "converged": "yes" if result.converged else "no",
+        "time": f"{result.ms_per_scan:.2f} ms per scan, {result.compile_s:.1f} s to compile",
+    }
+    rows |= {"warnings": "; ".join(result.warnings)} if result.warnings else {}
+    return picture_html(localization_png(result), rows)
+
+
+def picture_html(png: bytes, rows: Mapping[str, str]) -> str:
+    """Return a picture above a table of two columns, as HTML."""
+    source = base64.b64encode(png).decode("ascii")
+    cells = "".join(
+        f"<tr><th style='text-align:left'>{html.escape(name)}</th>"
+        f"<td style='text-align:left'>{html.escape(text)}</td></tr>"
+        for name, text in rows.items()
+    )
+    return f"<img src='data:image/png;base64,{source}' alt='map'/><table>{cells}</table>"
+
+
+def _png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=100)
+    return buffer.getvalue()

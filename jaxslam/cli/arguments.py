@@ -9,6 +9,8 @@ from typing import Annotated, Literal
 
 from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg, subcommand
 
+from jaxslam.cli.fetch import Fetch
+
 _FROM_CONFIGURATION = "(default: from the configuration, see `jaxslam config`)"
 
 LogPath = Annotated[Path, Positional, arg(metavar="LOG")]
@@ -272,4 +274,5 @@ Command = (
     | Annotated[TrainRange, subcommand("train-range")]
     | Annotated[Study, subcommand("study")]
     | Annotated[StudyReport, subcommand("study-report")]
+    | Annotated[Fetch, subcommand("fetch")]
 )

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 _EXTRAS = {
-    "cli": ("tyro", "matplotlib", "PIL", "rosbags", "ruamel", "tqdm"),
+    "cli": ("tyro", "matplotlib", "PIL", "rosbags", "ruamel", "tqdm", "pooch"),
     "train": ("lineax", "optax", "optimistix"),
     "vision": ("skimage",),
     "study": ("optuna", "sqlalchemy", "cmaes", "sklearn"),

@@ -10,6 +10,7 @@ from jaxslam.cli.arguments import (
     Command,
     Config,
     Demo,
+    Fetch,
     Fuse,
     Info,
     Localize,
@@ -26,7 +27,7 @@ class UsageError(ValueError):
 
 def parse(
     arguments: Sequence[str],
-) -> Run | Demo | Localize | Info | Config | Fuse | TrainRange | Study | StudyReport:
+) -> Run | Demo | Localize | Info | Config | Fuse | TrainRange | Study | StudyReport | Fetch:
     """The command that the arguments ask for.
 
     Raises:

@@ -26,7 +26,7 @@ class Fetch:
     """Log to download."""
     to: Annotated[
         Path | None,
-        arg(metavar="DIR", help_behavior_hint="(default: $JAXSLAM_CACHE, else the system's cache folder)"),
+        arg(metavar="DIR", help_behavior_hint="(default: $JAXSLAM_CACHE, else the system's cache)"),
     ] = None
     """Folder for the downloaded and converted files. An interrupted download continues where it stopped."""
 
@@ -68,7 +68,7 @@ def _listing() -> Iterator[str]:
             yield f"{log.name:<12} {_size(log):<10} {log.title}"
         for text in (use, f"License: {license_note}."):
             yield textwrap.indent(textwrap.fill(text, width=84, break_on_hyphens=False), " " * 24)
-    yield "`jaxslam fetch NAME` downloads a log. The size of some files is known only when they are downloaded."
+    yield "`jaxslam fetch NAME` downloads a log; a size marked by ? or > is known only then."
 
 
 def _size(log: PublicLog) -> str:

@@ -51,7 +51,12 @@ def convert(conversion: Conversion, name: str, sources: Sequence[Path], folder: 
     Raises:
         LogError: a source is not of the expected format.
     """
-    return _CONVERSIONS[conversion](name, sources, folder)
+    try:
+        return _CONVERSIONS[conversion](name, sources, folder)
+    except (ValueError, IndexError) as error:
+        if isinstance(error, LogError):
+            raise
+        raise LogError(f"{sources[0].parent}: a file does not have the expected format: {error}") from None
 
 
 def _copy(name: str, sources: Sequence[Path], folder: Path) -> list[Path]:
@@ -240,14 +245,16 @@ def _read_fields(path: Path, *names: str) -> list[list[str]]:
 
 
 def _laser_poses(lines: Iterable[str], source: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return stamps `[T]` and laser poses `[T, 3]` of `FLASER` lines, or of `ROBOTLASER1` lines."""
+    """Return stamps `[T]` and laser poses `[T, 3]` of `FLASER` or `ROBOTLASER1` lines, sorted by time."""
     rows = [line.split() for line in lines if not line.startswith("PARAM ")]
     if not rows:
         raise LogError(f"{source}: expected lines that begin with FLASER or ROBOTLASER1")
     # From the end: FLASER has two poses and three stamp fields, ROBOTLASER1 five more numbers between them.
     starts = [-9 if row[0] == "FLASER" else -14 for row in rows]
     poses = [row[start : start + 3] for row, start in zip(rows, starts, strict=True)]
-    return np.array([row[-3] for row in rows], dtype=np.float64), np.array(poses, dtype=np.float64)
+    stamps = np.array([row[-3] for row in rows], dtype=np.float64)
+    order = np.argsort(stamps, kind="stable")
+    return stamps[order], np.array(poses, dtype=np.float64)[order]
 
 
 def _pose_text(pose: np.ndarray) -> str:

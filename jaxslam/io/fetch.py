@@ -2,8 +2,8 @@ r"""Download of public logs into a cache folder: resumed, verified, converted.
 
 A download is verified against a SHA-256. Where the registry has none, the file is compared with the pinned
 commit: the hosting API lists the git blob id of every file of a commit, which is the SHA-1 of `blob <size>\0`
-and the content. The SHA-256 of the file is then kept in `checksums.txt` beside it, so later runs verify the file
-without the network.
+and the content. The SHA-256 of the file is then kept in `checksums.txt` beside it, so later runs verify the
+file without the network.
 """
 
 import errno

@@ -81,8 +81,8 @@ _NOT_STATED = "not stated by the repository"
 _RADISH = "not stated for the data (GPL-3.0 for the code); from Radish, the robotics data set repository"
 _BENCHMARK = f"{_NOT_STATED}; from the SLAM benchmark of Kümmerle et al. 2009"
 _CORRECTED = (
-    "Corrected logs, for mapping speed and for localization on a known map. Their odometry is another program's "
-    "result and not what the wheels measured, so they do not measure a filter's accuracy."
+    "Corrected logs, for mapping speed and for localization on a known map. Their odometry is the result of "
+    "another program and not what the wheels measured, so they do not measure a filter's accuracy."
 )
 
 
@@ -96,8 +96,8 @@ PUBLIC_LOGS = {
         PublicLog(
             "intel",
             "Intel Research Lab, Seattle: SICK lidar, 45 min, raw wheel odometry with a poor heading",
-            "Accuracy, measured by the benchmark's relations. The log has only the scans that another program "
-            "mapped: about one per half meter or half radian.",
+            "Accuracy, measured by the benchmark's relations. The log has only the scans that another "
+            "program mapped: about one per half meter or half radian.",
             _BENCHMARK,
             (
                 _benchmark_file(

@@ -94,7 +94,8 @@ def test_no_network_is_one_line(monkeypatch, tmp_path, capsys):
 
 def test_no_jax_is_imported():
     code = (
-        "import sys, jaxslam.io.fetch; from jaxslam.cli import main; main(['fetch']); main(['fetch', '--help'])\n"
+        "import sys, jaxslam.io.fetch\nfrom jaxslam.cli import main\n"
+        "main(['fetch']); main(['fetch', '--help'])\n"
         "sys.exit('jax' in sys.modules)"
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

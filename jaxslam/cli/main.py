@@ -88,6 +88,7 @@ def parse(arguments: Sequence[str]) -> object:
 
     from jaxslam.cli.config import Config
     from jaxslam.cli.demo import Demo
+    from jaxslam.cli.fetch import Fetch
     from jaxslam.cli.fuse import Fuse
     from jaxslam.cli.info import Info
     from jaxslam.cli.localize import Localize
@@ -99,6 +100,7 @@ def parse(arguments: Sequence[str]) -> object:
     commands = {
         "run": Run,
         "demo": Demo,
+        "fetch": Fetch,
         "localize": Localize,
         "info": Info,
         "config": Config,

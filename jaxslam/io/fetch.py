@@ -1,0 +1,240 @@
+r"""Download of public logs into a cache folder: resumed, verified, converted.
+
+A download is verified against a SHA-256. Where the registry has none, the file is compared with the pinned
+commit: the hosting API lists the git blob id of every file of a commit, which is the SHA-1 of `blob <size>\0`
+and the content. The SHA-256 of the file is then kept in `checksums.txt` beside it, so later runs verify the
+file without the network.
+"""
+
+import errno
+import functools
+import hashlib
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import pooch
+import requests
+from tqdm import tqdm
+
+from jaxslam.io.convert import convert
+from jaxslam.io.public_logs import PublicLog, RemoteFile
+
+FILE_URL = "https://raw.githubusercontent.com/{repository}/{commit}/{path}"
+TREE_URL = "https://api.github.com/repos/{repository}/git/trees/{commit}?recursive=1"
+
+_CHECKSUMS = "checksums.txt"
+_CHUNK = 1 << 16
+_TIMEOUT = (10.0, 60.0)  # To connect, and between two pieces, seconds.
+
+
+class FetchError(ValueError):
+    """A log that cannot be fetched. The message is one line: what is wrong, where, what to do."""
+
+
+class _WrongFileError(FetchError):
+    """A commit that does not have the expected file."""
+
+
+@dataclass(frozen=True)
+class _Blob:
+    """A file as the pinned commit has it."""
+
+    identifier: str
+    size: int
+
+
+def cache_folder(to: Path | None = None) -> Path:
+    """Return the cache folder: `to`, else the environment variable JAXSLAM_CACHE, else the system's cache."""
+    if to is None:
+        to = Path(os.environ.get("JAXSLAM_CACHE") or pooch.os_cache("jaxslam"))
+    return to.expanduser()
+
+
+def fetch_log(log: PublicLog, folder: Path) -> list[Path]:
+    """Download what is not in the cache folder yet, verify it and convert it.
+
+    Args:
+        log: what to fetch.
+        folder: cache folder; the log gets a folder of its own in it.
+
+    Returns:
+        The converted files, the first log first.
+
+    Raises:
+        FetchError: no network, not found, wrong checksum, full disk, or a folder that cannot be written.
+        LogError: a file that does not have the expected format.
+    """
+    home = folder / log.name
+    try:
+        return convert(log.conversion, log.name, fetch_files(log.files, home / "source"), home)
+    except OSError as error:
+        if error.errno == errno.ENOSPC:
+            raise FetchError(
+                f"{home}: the disk is full: free some space and run the command again, which continues the "
+                "download, or choose another folder with --to DIR"
+            ) from None
+        raise FetchError(
+            f"{home}: cannot be written ({error.strerror or error}): choose another folder with --to DIR or "
+            "the environment variable JAXSLAM_CACHE"
+        ) from None
+
+
+def fetch_files(files: Sequence[RemoteFile], folder: Path) -> list[Path]:
+    """Download files into a folder, or verify those that are there.
+
+    Returns:
+        The paths of the files, in the same order.
+
+    Raises:
+        FetchError: as for `fetch_log`.
+        OSError: the folder cannot be written, or the disk is full; an unfinished download is kept.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    pooch.get_logger().setLevel("WARNING")
+    store = pooch.create(folder, "", registry={}, urls={file.name: _file_url(file) for file in files})
+    checksums = folder / _CHECKSUMS
+    if checksums.exists():
+        store.load_registry(checksums)
+    list_blobs = functools.cache(_list_blobs)
+    paths = []
+    for file in files:
+        known = file.sha256 or store.registry.get(file.name)
+        store.registry[file.name] = known
+        paths.append(Path(store.fetch(file.name, downloader=_Downloader(file, known, list_blobs))))
+        if known is None:
+            with checksums.open("a", encoding="utf-8") as stream:
+                stream.write(f"{file.name} {pooch.file_hash(str(paths[-1]))}\n")
+    return paths
+
+
+@dataclass(frozen=True)
+class _Downloader:
+    """A downloader for pooch that continues an unfinished download and verifies the result."""
+
+    file: RemoteFile
+    sha256: str | None
+    list_blobs: Callable[[str, str], Mapping[str, _Blob]]
+
+    def __call__(self, url: str, output_file: str, store: Any) -> None:
+        *others, last = (self.file.commit, *self.file.other_commits)
+        for commit in others:
+            try:
+                return self._download(commit, Path(output_file))
+            except _WrongFileError:
+                continue
+        return self._download(last, Path(output_file))
+
+    def _download(self, commit: str, output: Path) -> None:
+        blob = None if self.sha256 else self._blob(commit)
+        part = output.with_name(f"{self.file.name}.{commit[:12]}.part")
+        url = _file_url(self.file, commit)
+        _transfer(url, part, blob.size if blob else self.file.size)
+        found, expected = _sha256(part), self.sha256
+        if blob:
+            found, expected = _blob_id(part), blob.identifier
+        if found != expected:
+            part.unlink()
+            raise _WrongFileError(
+                f"{url}: wrong checksum ({found}, expected {expected}): the download was removed; run the "
+                "command again, and if the checksum is wrong again, do not use the file"
+            )
+        os.replace(part, output)
+
+    def _blob(self, commit: str) -> _Blob:
+        blobs = self.list_blobs(self.file.repository, commit)
+        if self.file.path not in blobs:
+            raise _WrongFileError(f"{self.file.repository}: no file {self.file.path} in commit {commit}")
+        return blobs[self.file.path]
+
+
+def _file_url(file: RemoteFile, commit: str | None = None) -> str:
+    return FILE_URL.format(repository=file.repository, commit=commit or file.commit, path=file.path)
+
+
+def _list_blobs(repository: str, commit: str) -> Mapping[str, _Blob]:
+    """Return the files of a commit by path."""
+    with _get(TREE_URL.format(repository=repository, commit=commit)) as response:
+        entries = response.json()["tree"]
+    return {entry["path"]: _Blob(entry["sha"], entry["size"]) for entry in entries if entry["type"] == "blob"}
+
+
+def _transfer(url: str, part: Path, size: int | None) -> None:
+    """Continue a download at the end of `part`, or start anew if the server cannot do that."""
+    start = part.stat().st_size if part.exists() else 0
+    if start and start == size:
+        return
+    with _get(url, start) as response:
+        resumed = response.headers.get("Content-Range", "").startswith(f"bytes {start}-")
+        if start and not resumed and response.status_code != requests.codes.ok:
+            part.unlink()
+            return _transfer(url, part, size)
+        done = start if resumed else 0
+        progress = tqdm(
+            desc=part.name.partition(".")[0],
+            initial=done,
+            total=size,
+            unit="B",
+            unit_scale=True,
+            leave=False,
+            disable=not sys.stderr.isatty(),
+        )
+        with part.open("ab" if resumed else "wb") as stream, progress:
+            for piece in response.iter_content(_CHUNK):
+                stream.write(piece)
+                progress.update(len(piece))
+
+
+@contextmanager
+def _get(url: str, start: int = 0) -> Iterator[requests.Response]:
+    """Request a URL, from byte `start` on; every failure of the network becomes a `FetchError`."""
+    host = urlsplit(url).netloc
+    # Without compression on the way, bytes on the wire are bytes of the file.
+    headers = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={start}-"} if start else {})
+    answered = False
+    try:
+        with requests.get(url, headers=headers, stream=True, timeout=_TIMEOUT) as response:
+            answered = True
+            if not response.ok and response.status_code != requests.codes.requested_range_not_satisfiable:
+                _refuse(url, host, response)
+            yield response
+    except requests.JSONDecodeError:
+        raise FetchError(f"{url}: the answer is not JSON: does the network ask for a login?") from None
+    except requests.RequestException as error:
+        if answered:
+            raise FetchError(
+                f"the connection to {host} broke: run the command again, which continues the download"
+            ) from None
+        cause = "no answer in time" if isinstance(error, requests.Timeout) else "no connection"
+        raise FetchError(
+            f"cannot reach {host} ({cause}): check the network, or run the command on another computer and "
+            "copy its cache folder"
+        ) from None
+
+
+def _refuse(url: str, host: str, response: requests.Response) -> None:
+    status = f"HTTP {response.status_code} {response.reason}".strip()
+    if response.status_code == requests.codes.not_found:
+        raise _WrongFileError(f"{url}: {status}: the file is no longer there")
+    if response.status_code in (requests.codes.forbidden, requests.codes.too_many_requests):
+        raise FetchError(f"{host} refuses the request ({status}): wait an hour, it limits requests per hour")
+    raise FetchError(f"{url}: {status}: run the command again later")
+
+
+def _sha256(path: Path) -> str:
+    return pooch.file_hash(str(path))
+
+
+def _blob_id(path: Path) -> str:
+    """Return the git blob id of a file.
+
+    Example:
+        An empty file has `e69de29bb2d1d6434b8b29ae775ad8c2e48c5391`.
+    """
+    content = path.read_bytes()
+    return hashlib.sha1(b"blob %d\0" % len(content) + content, usedforsecurity=False).hexdigest()

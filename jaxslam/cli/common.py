@@ -7,7 +7,7 @@ import shlex
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
 
@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from jaxslam.range_network import RangeNetwork
     from jaxslam.slam.rbpf import RBPF
 
-MethodName = Literal["rbpf", "gmapping", "fruit-fly", "gaussian"]
-LidarName = Literal["sick", "urg-04lx", "rplidar-a1", "lds-01", "lds-02", "vlp-16"]
-Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 _NONE = "(default: none)"
 _FROM_CONFIG = "(default: from the configuration, see `jaxslam config`)"
@@ -31,12 +28,19 @@ _FROM_CONFIG = "(default: from the configuration, see `jaxslam config`)"
 LogPath = Annotated[Path, Positional, arg(metavar="LOG")]
 """The log file, or the folder of a ROS 2 bag."""
 Particles = Annotated[int | None, arg(metavar="N", help_behavior_hint=_FROM_CONFIG)]
-Method = Annotated[MethodName | None, arg(help_behavior_hint="(default: gmapping)")]
-Lidar = Annotated[LidarName | None, arg(help_behavior_hint="(default: chosen by the scans of the log)")]
+# Names are checked by the configuration, whose errors suggest the nearest name.
+Method = Annotated[
+    str | None, arg(metavar="rbpf|gmapping|fruit-fly|gaussian", help_behavior_hint="(default: gmapping)")
+]
+Lidar = Annotated[
+    str | None, arg(metavar="NAME", help_behavior_hint="(default: chosen by the scans of the log)")
+]
 Assignments = Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=VALUE", help_behavior_hint=_NONE)]
 File = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint=_NONE)]
 Topic = Annotated[str | None, arg(metavar="TOPIC", help_behavior_hint="(default: auto-detected)")]
-YawAxis = Annotated[Axis | None, arg(help_behavior_hint="(default: from the log, or from gravity)")]
+YawAxis = Annotated[
+    str | None, arg(metavar="x|y|z|-x|-y|-z", help_behavior_hint="(default: from the log, or from gravity)")
+]
 Switch = FlagCreatePairsOff[bool]
 
 _MAX_SEED = 2**32 - 1

@@ -10,9 +10,9 @@ class Config:
     """Print the configuration as TOML, every setting with its unit, for use with `run --config`."""
 
     lidar: Lidar = None
-    """Lidar preset: usable range, range limits and rotation time."""
+    """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01, lds-02 or vlp-16."""
     method: Method = None
-    """Proposal, as for `jaxslam run`."""
+    """rbpf, gmapping, fruit-fly or gaussian, as for `jaxslam run`."""
     particles: Particles = None
     """Number of particles; each has its own map."""
     config: File = None

@@ -42,7 +42,7 @@ class Demo:
     seed: int = 0
     """Random seed of the simulation and of the filter, 0 to 4294967295."""
     method: Method = None
-    """Proposal, as for `jaxslam run`."""
+    """rbpf, gmapping, fruit-fly or gaussian, as for `jaxslam run`."""
     particles: Annotated[int, arg(metavar="N")] = 15
     """Number of particles; each has its own map."""
     set: Assignments = ()

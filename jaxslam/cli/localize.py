@@ -60,7 +60,7 @@ class Localize:
     set: Assignments = ()
     """Settings by name, for example sensor.sigma_hit=0.1; repeatable. They override all other sources."""
     lidar: Lidar = None
-    """Lidar preset: usable range, range limits and rotation time."""
+    """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01, lds-02 or vlp-16."""
     range_network: File = None
     """Correct all ranges with this network, written by `jaxslam train-range`."""
     scan_topic: Topic = None
@@ -82,6 +82,7 @@ def execute(command: Localize, arguments: list[str]) -> None:
     import jaxslam
     from jaxslam.config.resolve import resolve_config
     from jaxslam.io import read_map
+    from jaxslam.localization.start import check_start
     from jaxslam.report import default_folder, make_folder
     from jaxslam.report.localization_folder import write_localization
     from jaxslam.viz.localization import animate_clouds
@@ -101,6 +102,8 @@ def execute(command: Localize, arguments: list[str]) -> None:
         assignments=command.set,
     )
     localizer, scans = jaxslam.prepare_localization(log, map, config, range_network=network)
+    if start is not None:
+        check_start(localizer.map, start)
     _warn_if_far(command.map, map)
     folder = command.out or default_folder(command.log, "amcl", command.seed)
     make_folder(folder)
@@ -110,6 +113,7 @@ def execute(command: Localize, arguments: list[str]) -> None:
         scans,
         jax.random.key(command.seed),
         start,
+        deviations=(float(config.start.deviation), float(config.start.rotation_deviation)),
         progress=sys.stderr.isatty(),
         on_chunk=clouds.append if command.gif else None,
     )

@@ -1,9 +1,10 @@
 """The entry point: parse, run a command, and report every error as one clear line."""
 
 import contextlib
-import importlib.metadata
+import difflib
 import io
 import os
+import re
 import sys
 from collections.abc import Sequence
 
@@ -15,6 +16,13 @@ _EXTRAS = {
     "cluster": ("dask", "distributed"),
 }
 """Modules that the commands need beyond those of the core, by the extra that installs them."""
+
+_NOT_A_NUMBER = re.compile(
+    r"Error parsing (?P<flag>--[\w-]+): "
+    r"(?:no type matching \{None\}\||invalid literal for |could not convert string to )"
+    r"(?P<type>INT|FLOAT|int\(\)|float)[^'\"]*(?P<value>'[^']*'|\"[^\"]*\")\]?\.?"
+)
+"""tyro's messages for a value that is not a number."""
 
 _BAD_INPUT = 2
 _INTERRUPTED = 130
@@ -66,7 +74,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _dispatch(arguments: Sequence[str]) -> int:
     if list(arguments) in (["--version"], ["-V"]):
-        print(f"jaxslam {importlib.metadata.version('jaxslam')}")
+        import jaxslam
+
+        print(f"jaxslam {jaxslam.__version__}")
         return 0
     try:
         command = parse(arguments or ["--help"])
@@ -109,6 +119,10 @@ def parse(arguments: Sequence[str]) -> object:
         "study": Study,
         "study-report": StudyReport,
     }
+    name = arguments[0] if arguments else ""
+    if not name.startswith("-") and name not in commands:
+        nearest = difflib.get_close_matches(name, commands, 1, cutoff=0.0)[0]
+        raise UsageError(f"no command is called {name!r}: did you mean {nearest!r}? (see --help)")
     message = io.StringIO()
     try:
         with contextlib.redirect_stderr(message):
@@ -154,7 +168,13 @@ def _one_line(box: str) -> str:
                 break
         elif not is_frame:
             sentences.append(text)
-    return f"{' '.join(sentences) or 'the command line cannot be understood'} (see --help)"
+    message = " ".join(sentences) or "the command line cannot be understood"
+    return f"{_NOT_A_NUMBER.sub(_give_a_number, message)} (see --help)"
+
+
+def _give_a_number(match: re.Match[str]) -> str:
+    wanted = "a whole number" if match["type"] in ("INT", "int()") else "a number"
+    return f"{match['flag']} is {match['value']}: give {wanted}"
 
 
 def _output_closed() -> int:

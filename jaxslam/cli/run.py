@@ -61,7 +61,7 @@ class Run:
     set: Assignments = ()
     """Settings by name, for example sensor.sigma_hit=0.1; repeatable. They override all other sources."""
     lidar: Lidar = None
-    """Lidar preset: usable range, range limits and rotation time."""
+    """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01, lds-02 or vlp-16."""
     range_network: File = None
     """Correct all ranges with this network, written by `jaxslam train-range`."""
     map_margin: Annotated[

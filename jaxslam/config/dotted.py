@@ -19,6 +19,8 @@ from jaxslam.config.registry import VARIANTS, choices, kind
 Scalar = bool | int | float | str
 Tree = TypeVar("Tree")
 KIND = "kind"
+UNSET = "unset"
+"""Key in the metadata of a field that may be None: the part that changes of its settings start from."""
 
 
 def flatten(tree: object) -> dict[str, Scalar]:
@@ -52,7 +54,7 @@ def update(tree: Tree, changes: Mapping[str, object], *, exact: bool = False) ->
         tree = _rebuild(tree, {full: rest.pop(given)}, "")
     resolved: dict[str, object] = {}
     for name, value in rest.items():
-        known = _resolve(name, list(flatten(tree)), exact)
+        known = _resolve(name, [full for full, _, _ in _walk(tree, "", fill=True)], exact)
         if known in resolved:
             raise ValueError(f"{known} is given twice, once as {name}: give it once")
         resolved[known] = value
@@ -86,7 +88,9 @@ def parse_scalar(text: str) -> Scalar:
     return text
 
 
-def _walk(tree: object, prefix: str, declared: object = None) -> Iterator[tuple[str, Scalar, str]]:
+def _walk(
+    tree: object, prefix: str, declared: object = None, *, fill: bool = False
+) -> Iterator[tuple[str, Scalar, str]]:
     meanings = _attributes(type(tree))
     # A part that is declared as one class is no choice, though others could be in the place of such a one.
     if declared in VARIANTS:
@@ -99,8 +103,10 @@ def _walk(tree: object, prefix: str, declared: object = None) -> Iterator[tuple[
             yield prefix + field.name, _plain(value, field.type), meanings.get(field.name, "")
     for field in fields:
         value = getattr(tree, field.name)
+        if value is None and fill:
+            value = field.metadata.get(UNSET)
         if dataclasses.is_dataclass(value):
-            yield from _walk(value, f"{prefix}{field.name}.", field.type)
+            yield from _walk(value, f"{prefix}{field.name}.", field.type, fill=fill)
 
 
 def _is_scalar(value: object) -> bool:
@@ -167,10 +173,12 @@ def _rebuild(tree: Any, changes: Mapping[str, object], prefix: str) -> Any:
     new: dict[str, object] = {}
     for field in dataclasses.fields(tree):
         name, value = prefix + field.name, getattr(tree, field.name)
+        if value is None and any(change.startswith(name + ".") for change in changes):
+            value = field.metadata.get(UNSET)
         if dataclasses.is_dataclass(value):
             part = _chosen(value, name, changes)
             part = _rebuild(part, changes, name + ".")
-            if part is not value:
+            if part is not getattr(tree, field.name):
                 new[field.name] = part
         elif name in changes:
             new[field.name] = _converted(name, changes[name], field.type)

@@ -6,6 +6,7 @@ import math
 import equinox as eqx
 from jaxtyping import Array, Float
 
+from jaxslam.config.dotted import UNSET
 from jaxslam.config.lidar import LidarSettings
 from jaxslam.config.lidar_presets import LidarPreset
 from jaxslam.config.thinning import Thinning
@@ -87,7 +88,7 @@ class LocalizationConfig(eqx.Module):
     max_distance: Number = 2.0
     resample_below: Number = 0.5
     min_valid_beams: Number = 5.0
-    lidar: LidarSettings | None = None
+    lidar: LidarSettings | None = eqx.field(default=None, metadata={UNSET: LidarSettings.from_preset("sick")})
     thinning: Thinning = eqx.field(static=True, default=Thinning())
     start: StartSettings = StartSettings()
     bins: BinSettings = BinSettings()

@@ -6,7 +6,7 @@ import difflib
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from jaxslam.config.dotted import update
+from jaxslam.config.dotted import UNSET, update
 from jaxslam.config.fusion import FusionSettings
 from jaxslam.config.lidar import LidarSettings
 from jaxslam.config.lidar_presets import LidarPreset
@@ -79,7 +79,7 @@ class SlamConfig(eqx.Module):
     """
 
     num_particles: int = eqx.field(static=True, default=30)
-    lidar: LidarSettings | None = None
+    lidar: LidarSettings | None = eqx.field(default=None, metadata={UNSET: LidarSettings.from_preset("sick")})
     thinning: Thinning = eqx.field(static=True, default=Thinning())
     map: MapSettings = MapSettings()
     fusion: FusionSettings = FusionSettings()

@@ -49,11 +49,11 @@ class KnownMap(eqx.Module):
         size = f"{occupancy.occupied.shape[1]} × {occupancy.occupied.shape[0]} cells"
         if not occupancy.occupied.any():
             raise ValueError(
-                f"{occupancy.name}: none of its {size} is occupied, so no scan can be matched to it"
+                f"{occupancy.name}: no occupied cell among its {size}, so no scan can be matched to it"
             )
         if not occupancy.free.any():
             raise ValueError(
-                f"{occupancy.name}: none of its {size} is free, so there is no place for the robot: check its "
+                f"{occupancy.name}: no free cell among its {size}, so there is no place for the robot: check its "
                 "thresholds and negate"
             )
         occupied = jnp.asarray(occupancy.occupied)

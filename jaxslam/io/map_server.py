@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64
+from jaxtyping import Bool, Float, Float32, Float64
 
 from jaxslam.io.image import GreyImage, MapError, read_image, write_pgm
 
@@ -42,6 +42,12 @@ class OccupancyMap:
     resolution: float
     origin: Float64[np.ndarray, "3"]
     name: str = "the map"
+
+    @property
+    def probability(self) -> Float32[np.ndarray, "H W"]:
+        """`[H, W]` as `plot_map` and `write_map` take it: 1 occupied, 0 free, NaN unknown."""
+        known = np.where(self.free, np.float32(0.0), np.float32(np.nan))
+        return np.where(self.occupied, np.float32(1.0), known)
 
 
 def write_map(

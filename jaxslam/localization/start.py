@@ -5,10 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PRNGKeyArray
 
+from jaxslam.grid.known_map import KnownMap
 from jaxslam.localization.amcl import AMCL, AMCLState
 
 
-def start_at(amcl: AMCL, key: PRNGKeyArray, pose: tuple[float, float, float], deviations) -> AMCLState:
+def start_at(
+    amcl: AMCL, key: PRNGKeyArray, pose: tuple[float, float, float], deviations: tuple[float, float]
+) -> AMCLState:
     """Particles around a known start.
 
     Args:
@@ -20,21 +23,26 @@ def start_at(amcl: AMCL, key: PRNGKeyArray, pose: tuple[float, float, float], de
     Raises:
         ValueError: the start is not on the map, or not in its free space.
     """
+    check_start(amcl.map, pose)
+    deviation, rotation = deviations
+    covariance = jnp.diag(jnp.asarray([deviation, deviation, rotation], jnp.float32) ** 2)
+    return jax.jit(AMCL.init)(amcl, key, jnp.asarray(pose, jnp.float32), covariance)
+
+
+def check_start(map: KnownMap, pose: tuple[float, float, float]) -> None:
+    """Raise `ValueError` for a start pose (m, m, rad, world frame) outside the free space of the map."""
     here = f"the start ({pose[0]:g} m, {pose[1]:g} m)"
-    column, row = np.asarray(amcl.map.to_cells(jnp.asarray([pose], jnp.float32)))[0, :2]
-    height, width = amcl.map.shape
+    column, row = np.asarray(map.to_cells(jnp.asarray([pose], jnp.float32)))[0, :2]
+    height, width = map.shape
     if not (0 <= column < width and 0 <= row < height):
-        side = float(amcl.map.resolution)
-        x, y, theta = (float(value) for value in amcl.map.origin)
+        side = float(map.resolution)
+        x, y, theta = (float(value) for value in map.origin)
         turned = f", turned by {theta:g} rad" if theta else ""
         raise ValueError(
             f"{here} is not on the map, which is {width * side:g} × {height * side:g} m from "
             f"({x:g}, {y:g}){turned}"
         )
-    if not bool(amcl.map.is_free(jnp.asarray(pose, jnp.float32))):
-        occupied = bool(amcl.map.occupied[int(row), int(column)])
+    if not bool(map.is_free(jnp.asarray(pose, jnp.float32))):
+        occupied = bool(map.occupied[int(row), int(column)])
         what = "in a wall" if occupied else "where the map knows nothing"
         raise ValueError(f"{here} is {what}: give one in free space, or --global")
-    deviation, rotation = deviations
-    covariance = jnp.diag(jnp.asarray([deviation, deviation, rotation], jnp.float32) ** 2)
-    return jax.jit(AMCL.init)(amcl, key, jnp.asarray(pose, jnp.float32), covariance)

@@ -34,7 +34,7 @@ class Box:
             y + self.row_end * resolution,
         )
 
-    def cut(self, levels: UInt8[np.ndarray, "_ _"]) -> UInt8[np.ndarray, "_ _"]:
+    def cut(self, levels: Shaped[np.ndarray, "_ _"]) -> Shaped[np.ndarray, "_ _"]:
         """The cells of the block."""
         return levels[self.row : self.row_end, self.column : self.column_end]
 

@@ -28,7 +28,7 @@ from jaxslam.config.slam import METHODS
 from tests.benchmarks.batches import still_runs
 from tests.benchmarks.corrections import corrections
 from tests.benchmarks.filters import still_filter, still_run
-from tests.benchmarks.localizers import localization_step, scan_model
+from tests.benchmarks.localizers import localization_step, sensor_model
 from tests.benchmarks.programs import Program
 from tests.benchmarks.stages import STAGES
 
@@ -69,8 +69,8 @@ PROGRAMS: dict[str, Callable[[], Program]] = {
     **{f"method {name}": functools.partial(still_run, name, NUM_PARTICLES, NUM_SCANS) for name in METHODS},
     # Of the filter that compiles the fastest: what is run many times has its costs above.
     "run many": functools.partial(still_runs, "rbpf", NUM_PARTICLES, NUM_SCANS, 4),
-    "localisation scan model": functools.partial(scan_model, 500, 60),
-    "localisation step": functools.partial(localization_step, 500, 60),
+    "localization sensor model": functools.partial(sensor_model, 500, 60),
+    "localization step": functools.partial(localization_step, 500, 60),
     "range correction": functools.partial(corrections, 180, 1),
 }
 """Everything that is timed, at one small size; a whole step is the loop of `method gmapping`."""

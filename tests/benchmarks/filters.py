@@ -11,12 +11,13 @@ import numpy as np
 from jaxslam.config.slam import SlamConfig
 from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
 from jaxslam.io.log import SensorLog
-from jaxslam.localization.amcl import run
 from jaxslam.motion import GaussianMotion
-from jaxslam.pipeline.build import build
-from jaxslam.pipeline.prepare import Prepared, prepare
+from jaxslam.pipeline.build import build_slam
+from jaxslam.pipeline.chunks import run_steps
+from jaxslam.pipeline.inputs import PreparedScans
+from jaxslam.pipeline.prepare import prepare
 from jaxslam.sim import make_world, sick, simulate, to_log
-from jaxslam.slam import RBPF, RBPFState
+from jaxslam.slam import RBPF, RBPFState, StepInfo
 from tests.benchmarks.programs import Program
 
 NUM_BEAMS = 180
@@ -38,19 +39,17 @@ def _log(duration: float) -> SensorLog:
 
 
 def _configuration(num_particles: int, method: str = "gmapping") -> SlamConfig:
-    chosen = SlamConfig(num_particles=num_particles).with_method(method)
+    chosen = SlamConfig(num_particles=num_particles).with_lidar("sick").with_method(method)
     return dataclasses.replace(chosen, map=dataclasses.replace(chosen.map, margin=MARGIN))
 
 
 @functools.cache
 def _after_a_while() -> tuple[RBPF, RBPFState, StepInputs]:
-    prepared = prepare(_log(DURATION), _configuration(NUM_DISTINCT))
-    pose0 = jnp.asarray(prepared.inputs.pose0, jnp.float32)
-    before, now = (
-        jax.tree.map(lambda leaf, part=part: leaf[part], prepared.inputs.inputs) for part in (slice(-1), -1)
-    )
-    state, _ = jax.jit(run)(prepared.slam, jax.random.key(0), pose0, before)
-    return prepared.slam, state, now
+    slam, scans = prepare(_log(DURATION), _configuration(NUM_DISTINCT))
+    key, pose0 = jax.random.key(0), jnp.asarray(scans.pose0, jnp.float32)
+    before, now = (jax.tree.map(lambda leaf, part=part: leaf[part], scans.inputs) for part in (slice(-1), -1))
+    state, _ = jax.jit(run_steps)(slam, before, key, slam.init(key, pose0))
+    return slam, state, now
 
 
 def running_filter(num_particles: int) -> tuple[RBPF, RBPFState, StepInputs]:
@@ -71,16 +70,22 @@ def running_filter(num_particles: int) -> tuple[RBPF, RBPFState, StepInputs]:
     return dataclasses.replace(slam, num_particles=num_particles), state, inputs
 
 
-def prepared_drive(method: str, num_particles: int, duration: float = DURATION) -> Prepared:
+def prepared_drive(method: str, num_particles: int, duration: float = DURATION) -> tuple[RBPF, PreparedScans]:
     """A method's filter, and a drive of so many seconds as its inputs."""
     return prepare(_log(duration), _configuration(num_particles, method))
 
 
 def drive(method: str, num_particles: int) -> Program:
     """A method over the whole drive, as `run` has it."""
-    prepared = prepared_drive(method, num_particles)
-    pose0 = jnp.asarray(prepared.inputs.pose0, jnp.float32)
-    return Program(run, (prepared.slam, jax.random.key(0), pose0, prepared.inputs.inputs))
+    slam, scans = prepared_drive(method, num_particles)
+    key = jax.random.key(0)
+    return Program(_whole_run, (slam, scans.inputs, key, jnp.asarray(scans.pose0, jnp.float32)))
+
+
+def _whole_run(
+    slam: RBPF, inputs: StepInputs, key: jax.Array, pose0: jax.Array
+) -> tuple[RBPFState, StepInfo]:
+    return run_steps(slam, inputs, key, slam.init(key, pose0))
 
 
 def still_filter(num_particles: int, method: str = "gmapping") -> tuple[RBPF, RBPFState, StepInputs]:
@@ -89,14 +94,14 @@ def still_filter(num_particles: int, method: str = "gmapping") -> tuple[RBPF, RB
     if configuration.fusion.use != "off":
         # As `prepare` has it for a log with an IMU.
         configuration = dataclasses.replace(configuration, motion=GaussianMotion())
-    slam = build(configuration, np.array([[0.0, 0.0], [10.0, 5.0]]))
+    slam = build_slam(configuration, np.array([[0.0, 0.0], [10.0, 5.0]]))
     return slam, slam.init(jax.random.key(0), jnp.zeros(3)), one_step(NUM_BEAMS)
 
 
 def still_run(method: str, num_particles: int, num_scans: int) -> Program:
     """`run` over a few equal scans."""
     slam, _, inputs = still_filter(num_particles, method)
-    return Program(run, (slam, jax.random.key(0), jnp.zeros(3), repeated(inputs, num_scans)))
+    return Program(_whole_run, (slam, repeated(inputs, num_scans), jax.random.key(0), jnp.zeros(3)))
 
 
 def repeated(tree: Any, count: int) -> Any:

@@ -7,8 +7,9 @@ import jax.numpy as jnp
 
 from jaxslam.config.localization import LocalizationConfig
 from jaxslam.core.types import StepInputs
-from jaxslam.localization import AMCL, AMCLState, FieldModel
+from jaxslam.localization import AMCL, AMCLState
 from jaxslam.pipeline.build import build_localizer
+from jaxslam.sensor import LikelihoodField
 from tests.benchmarks.filters import one_step
 from tests.benchmarks.programs import Program
 from tests.localization.worlds import hall_map
@@ -20,7 +21,7 @@ def localizer(num_particles: int, num_beams: int) -> tuple[AMCL, AMCLState, Step
         LocalizationConfig(),
         max_particles=num_particles,
         resample_below=1.01,
-        scan_model=FieldModel(max_beams=num_beams),
+        sensor=LikelihoodField(sigma_hit=0.2, unseen_beams=0.0, independent_beams=5.0, max_beams=num_beams),
     )
     amcl = build_localizer(configuration, hall_map()[0])
     state = amcl.init(
@@ -29,15 +30,14 @@ def localizer(num_particles: int, num_beams: int) -> tuple[AMCL, AMCLState, Step
     return amcl, state, one_step(num_beams)
 
 
-def scan_model(num_particles: int, num_beams: int) -> Program:
+def sensor_model(num_particles: int, num_beams: int) -> Program:
     """A scan seen from every particle, and no more."""
     amcl, state, inputs = localizer(num_particles, num_beams)
-    everywhere = jnp.ones(num_particles, bool)
 
-    def score(model, *rest):
-        return model.log_likelihoods(*rest, everywhere, jnp.asarray(True))
+    def score(model, map, prepared, scan, poses):
+        return model.log_prob_all(prepared, scan, map.to_map(poses))
 
-    arguments = (amcl.scan_model, amcl.table, amcl.known, inputs.scan, state.poses)
+    arguments = (amcl.sensor, amcl.map, amcl.prepared, inputs.scan, state.poses)
     return Program(score, arguments, tuned=False)
 
 

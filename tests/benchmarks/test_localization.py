@@ -9,10 +9,10 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from tests.benchmarks.localizers import localization_step, scan_model
+from tests.benchmarks.localizers import localization_step, sensor_model
 from tests.benchmarks.programs import measure
 
-PROGRAMS = {"scan model": scan_model, "localisation step": localization_step}
+PROGRAMS = {"sensor model": sensor_model, "localization step": localization_step}
 
 
 @pytest.mark.parametrize(

@@ -28,23 +28,24 @@ VALUES = np.geomspace(0.05, 0.3, NUM_CONFIGURATIONS).tolist()
 
 
 @pytest.fixture(scope="module")
-def prepared():
+def drive():
     return prepared_drive("gmapping", NUM_PARTICLES, DURATION)
 
 
-def test_one_after_another(benchmark, prepared):
+def test_one_after_another(benchmark, drive):
+    slam, scans = drive
     keys = jax.random.split(jax.random.key(0), NUM_KEYS)
-    filters = [update(prepared.slam, {"sensor.sigma_hit": value}) for value in VALUES[:NUM_ALONE]]
-    first = run_log(filters[0], keys[0], prepared.inputs)
+    filters = [update(slam, {"sensor.sigma_hit": value}) for value in VALUES[:NUM_ALONE]]
+    first = run_log(filters[0], scans, keys[0])
     assert np.isfinite(first.trajectory).all()
     benchmark.group = "many runs"
     benchmark.pedantic(
-        lambda: [run_log(slam, key, prepared.inputs) for slam in filters for key in keys], rounds=NUM_ROUNDS
+        lambda: [run_log(each, scans, key) for each in filters for key in keys], rounds=NUM_ROUNDS
     )
-    num_scans = NUM_ALONE * NUM_KEYS * len(prepared.inputs.stamps)
+    num_scans = NUM_ALONE * NUM_KEYS * len(scans.stamps)
     benchmark.extra_info.update(
         num_runs=NUM_ALONE * NUM_KEYS,
-        num_scans=len(prepared.inputs.stamps),
+        num_scans=len(scans.stamps),
         compile_s=first.compile_s,
         scans_per_second=num_scans / benchmark.stats.stats.median,
         device=jax.devices()[0].device_kind,
@@ -53,7 +54,8 @@ def test_one_after_another(benchmark, prepared):
 
 @pytest.mark.parametrize("together", [1, 2, 8])
 @pytest.mark.parametrize("num_devices", [1, 2])
-def test_run_many(benchmark, prepared, num_devices, together):
+def test_run_many(benchmark, drive, num_devices, together):
+    slam, scans = drive
     keys = jax.random.split(jax.random.key(0), NUM_KEYS)
     devices = jax.devices()[:num_devices]
     if len(devices) < num_devices:
@@ -62,9 +64,7 @@ def test_run_many(benchmark, prepared, num_devices, together):
 
     def run(values):
         configurations = {"sensor.sigma_hit": values}
-        results.append(
-            run_many(prepared.slam, keys, configurations, prepared.inputs, together=together, devices=devices)
-        )
+        results.append(run_many(slam, scans, keys, configurations, together=together, devices=devices))
 
     benchmark.group = "many runs"
     # One configuration compiles what all need.

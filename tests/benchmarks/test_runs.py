@@ -12,7 +12,7 @@ import sys
 import pytest
 
 NUM_SEEDS = 3
-_COMMAND = (sys.executable, "-c", "import sys; from jaxslam.cli import main; sys.exit(main())")
+_COMMAND = (sys.executable, "-m", "jaxslam.cli")
 
 
 def run_seeds(benchmark, folder, name, num_particles, arguments):

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxslam.cli import main
+from jaxslam.cli.main import main
 from jaxslam.core.trajectory import interpolate_poses
 from jaxslam.io import read_log, read_map, read_tum, write_tum
 from jaxslam.report import default_folder, file_sha256
@@ -163,7 +163,7 @@ def one_line(capsys) -> str:
     [
         (["--particles", "0"], "num_particles is 0: give 1 or more"),
         (["--particles=-2"], "num_particles is -2: give 1 or more"),
-        (["--particles", "many"], "num_particles is 'many': give a whole number"),
+        (["--particles", "many"], "--particles is 'many': give a whole number"),
         (["--set", "sigma_hitt=1"], "did you mean 'sensor.sigma_hit'"),
         (["--set", "sigma_hit=0.1", "--set", "sigma_hit=0.2"], "given 2 times"),
         (["--set", "sigma_hit"], "sigma_hit"),
@@ -171,7 +171,8 @@ def one_line(capsys) -> str:
         (["--lidar", "sik"], "did you mean 'sick'"),
         (["--map-margin", "nan"], "map.margin is nan: give a finite number"),
         (["--map-margin", "1e7"], "lower num_particles or"),
-        (["--seed", "x"], "--seed"),
+        (["--seed", "x"], "--seed is 'x': give a whole number"),
+        (["--map-margin", "wide"], "--map-margin is 'wide': give a number"),
         (["--seed", "4294967296"], "--seed is 4294967296: give 0 to 4294967295"),
         (["--scan-topic", "/scan"], "a CARMEN log has no topics"),
         (["--relations", "missing"], "missing: no such file"),
@@ -265,7 +266,9 @@ def test_interrupt(monkeypatch, capsys, log_file):
     assert capsys.readouterr().err.strip() == "jaxslam: interrupted"
 
 
-@pytest.mark.parametrize(("module", "command"), [("jaxslam.cli", "config"), ("experiments.__main__", "list")])
+@pytest.mark.parametrize(
+    ("module", "command"), [("jaxslam.cli.main", "config"), ("experiments.__main__", "list")]
+)
 def test_output_that_nobody_reads(module, command):
     """As of `jaxslam config | head -1`."""
     reading, writing = os.pipe()
@@ -300,7 +303,7 @@ def test_config_prints_the_settings_of_a_localisation(tmp_path, capsys):
     text = capsys.readouterr().out
     values = tomllib.loads(text)
     assert values["max_particles"] == 5000
-    assert values["scan_model"]["sigma_hit"] == 0.3
+    assert values["sensor"]["sigma_hit"] == 0.3
     assert values["lidar"]["usable_range"] == 3.5
     assert "proposal" not in values
     # It is one to give.
@@ -309,7 +312,7 @@ def test_config_prints_the_settings_of_a_localisation(tmp_path, capsys):
     assert main(["config", "--localization", "--config", str(path)]) == 0
     assert capsys.readouterr().out == text
     assert main(["config", "--localization", "--method", "rbpf"]) == 2
-    assert "--method is of the filter that maps" in capsys.readouterr().err
+    assert "--method is a setting of `run`" in capsys.readouterr().err
 
 
 def test_config_prints_what_it_was_told(capsys):
@@ -344,7 +347,7 @@ def test_version(capsys):
 
 def test_help_does_not_wait_for_what_it_does_not_need():
     script = (
-        "import sys; from jaxslam.cli import main; code = main(['run', '--help']); "
+        "import sys; from jaxslam.cli.main import main; code = main(['run', '--help']); "
         "assert not {'matplotlib', 'rosbags', 'tqdm'} & set(sys.modules), 'heavy import'; sys.exit(code)"
     )
     result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)

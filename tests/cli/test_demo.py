@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from jaxslam.cli import main
+from jaxslam.cli.main import main
 
 SHORT = ["--duration", "12", "--particles", "3", "--set", "window=8"]
 

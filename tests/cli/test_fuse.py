@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from jaxslam.cli import main
+from jaxslam.cli.main import main
 from jaxslam.io import read_tum
 
 

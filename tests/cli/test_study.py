@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from jaxslam.cli import main
+from jaxslam.cli.main import main
 from jaxslam.config.dotted import flatten
 from jaxslam.config.lidar_presets import PRESETS
-from jaxslam.config.resolve import effective_configuration
+from jaxslam.config.resolve import resolve_config
 from jaxslam.config.slam import SlamConfig
 
 MORE = 3
@@ -52,7 +52,11 @@ def start(folder, *flags):
     """`jaxslam study` as a process of its own: no other way to kill it."""
     # As in a terminal: a shell starts what runs in the background deaf to Ctrl-C, perhaps these tests too.
     hear = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
-    command = [sys.executable, "-c", f"{hear}; import sys; from jaxslam.cli import main; sys.exit(main())"]
+    command = [
+        sys.executable,
+        "-c",
+        f"{hear}; import sys; from jaxslam.cli.main import main; sys.exit(main())",
+    ]
     command += ["study", "plan.toml", "--storage", "hall.db", "--out", "out", *flags]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     return subprocess.Popen(command, cwd=folder, text=True, encoding="utf-8", **pipes)
@@ -183,13 +187,9 @@ def test_the_best_configuration_is_one_that_run_takes(ended):
     def detect():
         raise AssertionError("the study has said which lidar")
 
-    configuration = effective_configuration(
+    configuration = resolve_config(
         SlamConfig(),
         config=folder / "out" / "best.toml",
-        lidar=None,
-        flags={"num_particles": None},
-        assignments=[],
-        detect=detect,
     )
     found = flatten(configuration)
     tuned = {**best["settings"], "num_particles": 3, "map.margin": 4.0, "map.window": 8.0}

@@ -10,9 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jaxslam.report.localization import occupancy_levels
 
-from jaxslam.cli import main
+from jaxslam.cli.main import main
 from jaxslam.core.trajectory import interpolate_poses
 from jaxslam.io import read_map, write_map, write_tum
 from jaxslam.range_network import RangeNetwork, load_network, save_network
@@ -73,7 +72,7 @@ def drive(tmp_path_factory):
         lines.append(f"FLASER 181 {beams} {mounted} {robot} {stamp:.4f} host {stamp:.4f}")
     (folder / "hall.log").write_text("\n".join(lines) + "\n")
     write_tum(folder / "truth.tum", log.scans.stamps, np.asarray(simulation.scan_poses, float))
-    write_map(folder / "hall.yaml", occupancy_levels(hall_map()[0]), 0.05, (-0.5, -0.5, 0.0))
+    write_map(folder / "hall.yaml", hall_map()[0].probability, 0.05, (-0.5, -0.5, 0.0))
     start = ",".join(f"{value:.3f}" for value in np.asarray(simulation.scan_poses)[0])
     return folder, np.asarray(world.segments, float), start
 

@@ -18,7 +18,7 @@ from jaxslam.config.slam import METHODS, SlamConfig
 from jaxslam.config.thinning import Thinning
 from jaxslam.io import LogError, read_log
 from jaxslam.io.log import ScanTrack, SensorLog
-from jaxslam.pipeline.build import build
+from jaxslam.pipeline.build import build_slam
 from jaxslam.preprocess.ranges import correct_scans
 from jaxslam.proposal.motion import MotionProposal
 from jaxslam.resampling import ResidualResampler
@@ -69,7 +69,7 @@ def test_unusual_differs_everywhere():
 
 PLACES = {
     SlamConfig: ("motion", "sensor", "proposal", "resampling.scheme"),
-    LocalizationConfig: ("scan_model",),
+    LocalizationConfig: ("sensor",),
 }
 
 
@@ -113,7 +113,7 @@ def test_every_setting_is_explained():
 
 
 def test_toml_carries_the_units():
-    lines = toml.dumps(SlamConfig()).splitlines()
+    lines = toml.dumps(SlamConfig().with_lidar("sick")).splitlines()
     assert "metres" in lines[lines.index("usable_range = 16.0") - 1]
 
 
@@ -244,27 +244,27 @@ def test_bad_assignments(text):
 
 def test_build_sizes_map_and_window():
     """10 × 5 m of path, 8 m of reach, 12 m of margin and 0.3 × 10 m around: 56 × 51 m."""
-    slam = build(update(SlamConfig(), {"usable_range": 8.0}), BOUNDS)
+    slam = build_slam(update(SlamConfig().with_lidar("sick"), {"usable_range": 8.0}), BOUNDS)
     assert (slam.grid.height, slam.grid.width) == (1020, 1120)
     np.testing.assert_allclose(slam.grid.origin, [-24.0, -25.0])
     # 160 cells of reach, 6 of truncation and one more on both sides: 334, and on to a multiple of 4.
     assert slam.window_size == 336
     assert slam.radius == 6
     # A lidar that sees farther has the window ahead of it, and the map around it grows alone.
-    far = build(update(SlamConfig(), {"usable_range": 16.0}), BOUNDS)
+    far = build_slam(update(SlamConfig().with_lidar("sick"), {"usable_range": 16.0}), BOUNDS)
     assert far.window_size == 336
     assert (far.grid.height, far.grid.width) == (1340, 1440)
 
 
 def test_a_map_without_margin_still_holds_the_window():
-    slam = build(update(SlamConfig(), {"margin": 0}), np.zeros((2, 2)))
+    slam = build_slam(update(SlamConfig().with_lidar("sick"), {"margin": 0}), np.zeros((2, 2)))
     assert slam.grid.width >= slam.window_size
     assert slam.grid.height >= slam.window_size + 2 * (slam.radius + 1)
 
 
 def test_build_takes_everything_from_the_configuration():
     configuration = unusual()
-    slam = build(configuration, BOUNDS)
+    slam = build_slam(configuration, BOUNDS)
     for name in ("motion", "sensor", "proposal", "resampling", "occupancy", "num_particles"):
         assert getattr(slam, name) == getattr(configuration, name), name
     assert slam.usable_range == configuration.lidar.usable_range
@@ -273,7 +273,7 @@ def test_build_takes_everything_from_the_configuration():
 
 def test_maps_that_cannot_fit_are_refused():
     with pytest.raises(ValueError, match=r"lower num_particles or map\.margin"):
-        build(update(SlamConfig(), {"margin": 1e6}), BOUNDS)
+        build_slam(update(SlamConfig().with_lidar("sick"), {"margin": 1e6}), BOUNDS)
 
 
 def _log(num_beams: int, field_of_view: float, range_max: float, rate: float) -> SensorLog:

@@ -150,7 +150,8 @@ def test_inputs_get_the_fused_increments():
     )
     log = SensorLog(Path("circle"), odometry=wheels, imu=imu(), scans=scans)
     plain = pair_scans(log, Thinning(0.5, 0.5))
-    prepared, fused, _ = with_fused_odometry(plain, log)
+    prepared = with_fused_odometry(plain, log)
+    fused = prepared.fused
     delta = np.asarray(prepared.inputs.odometry.delta)
     intervals = np.diff(prepared.stamps)
     assert np.abs(delta[1:, 2] - 0.5 * intervals).max() < 0.05

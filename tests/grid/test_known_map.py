@@ -44,7 +44,7 @@ def test_free_poses_are_free_and_cover_all(origin):
     known = KnownMap.from_map(room(origin=origin))
     poses = known.draw_free(jax.random.key(0), 4000)
     assert bool(jnp.all(jax.vmap(known.is_free)(poses)))
-    cells = np.floor(np.asarray(known.in_cells(poses))[:, :2]).astype(int)
+    cells = np.floor(np.asarray(known.to_cells(poses))[:, :2]).astype(int)
     found, counts = np.unique(cells, axis=0, return_counts=True)
     assert len(found) == 23
     # 23 cells, 174 each: six deviations of a binomial either way.
@@ -57,7 +57,7 @@ def test_free_poses_are_free_and_cover_all(origin):
 def test_a_turned_map_turns_the_world():
     known = KnownMap.from_map(room(origin=(1.0, -2.0, np.pi / 2)))
     # A metre along the map's x axis is one up in the world.
-    cells = known.in_cells(jnp.asarray([[1.0, -1.0, np.pi / 2]], jnp.float32))
+    cells = known.to_cells(jnp.asarray([[1.0, -1.0, np.pi / 2]], jnp.float32))
     np.testing.assert_allclose(cells, [[2.0, 0.0, 0.0]], atol=1e-5)
 
 
@@ -73,5 +73,7 @@ def test_maps_that_nobody_can_be_in_are_refused():
     cells = np.zeros((3, 3), bool)
     with pytest.raises(ValueError, match="no occupied cell"):
         KnownMap.from_map(OccupancyMap(cells, ~cells, 0.1, np.zeros(3)))
-    with pytest.raises(ValueError, match="no free cell, so there is nowhere for the robot to be"):
+    with pytest.raises(
+        ValueError, match="no free cell among its 3 × 3 cells, so there is no place for the robot"
+    ):
         KnownMap.from_map(OccupancyMap(~cells, cells, 0.1, np.zeros(3)))

@@ -65,7 +65,7 @@ def slam(prepared) -> RBPF:
 
 @pytest.fixture(scope="module")
 def many(slam, prepared) -> ManyResult:
-    return run_many(slam, KEYS, {"sensor.sigma_hit": SIGMAS}, prepared, maps=True)
+    return run_many(slam, prepared, KEYS, {"sensor.sigma_hit": SIGMAS}, maps=True)
 
 
 def assert_same_runs(found, wanted, tolerance=1e-5):
@@ -82,7 +82,7 @@ def test_every_run_is_that_of_run_log(slam, prepared, many):
     assert many.trajectories.shape == (len(SIGMAS), len(KEYS), steps, 3)
     assert many.resampled.any()
     filters = [update(slam, {"sensor.sigma_hit": sigma}) for sigma in SIGMAS]
-    alone = [[run_log(each, key, prepared) for key in KEYS] for each in filters]
+    alone = [[run_log(each, prepared, key) for key in KEYS] for each in filters]
     assert_same_runs(many.trajectories, np.array([[run.trajectory for run in row] for row in alone]))
     # Of the first run all is the same.
     first = alone[0][0]
@@ -94,24 +94,24 @@ def test_every_run_is_that_of_run_log(slam, prepared, many):
 
 
 def test_the_same_call_gives_the_same_bytes(slam, prepared, many):
-    again = run_many(slam, KEYS, {"sensor.sigma_hit": SIGMAS}, prepared, maps=True)
+    again = run_many(slam, prepared, KEYS, {"sensor.sigma_hit": SIGMAS}, maps=True)
     assert again.trajectories.tobytes() == many.trajectories.tobytes()
     assert again.log_odds.tobytes() == many.log_odds.tobytes()
 
 
 def test_filters_may_be_given_in_place_of_names(slam, prepared, many):
     filters = [update(slam, {"sensor.sigma_hit": sigma}) for sigma in SIGMAS]
-    again = run_many(slam, KEYS, filters, prepared)
+    again = run_many(slam, prepared, KEYS, filters)
     assert_same_runs(again.trajectories, many.trajectories)
     assert again.log_odds is None
 
 
 def test_other_values_and_keys_compile_nothing(slam, prepared, many):
     program = _program(tuple(jax.devices()), 1, 64, False)
-    run_many(slam, KEYS, {"sensor.sigma_hit": SIGMAS}, prepared)
+    run_many(slam, prepared, KEYS, {"sensor.sigma_hit": SIGMAS})
     before = program._cache_size()
-    run_many(slam, KEYS[::-1], {"motion.translation_floor": [0.01, 0.02]}, prepared)
-    run_many(update(slam, {"usable_range": 2.5}), KEYS, {"sensor.sigma_hit": [0.2, 0.25]}, prepared)
+    run_many(slam, prepared, KEYS[::-1], {"motion.translation_floor": [0.01, 0.02]})
+    run_many(update(slam, {"usable_range": 2.5}), prepared, KEYS, {"sensor.sigma_hit": [0.2, 0.25]})
     assert program._cache_size() == before >= 1
 
 
@@ -120,9 +120,9 @@ def test_how_the_runs_are_laid_out_changes_nothing(slam, prepared, many, togethe
     """Six runs, of which a call takes 1, 4 or 4: the last call is not always full."""
     found = run_many(
         slam,
+        prepared,
         KEYS,
         {"sensor.sigma_hit": SIGMAS},
-        prepared,
         maps=True,
         together=together,
         devices=jax.devices()[:num_devices],
@@ -133,12 +133,12 @@ def test_how_the_runs_are_laid_out_changes_nothing(slam, prepared, many, togethe
 def test_every_key_may_have_an_input_of_its_own(slam, prepared, many):
     inputs = [prepared, drive(1, 4.0), drive(2, 5.0)]
     assert len({len(each.stamps) for each in inputs}) == 3
-    found = run_many(slam, KEYS, None, inputs)
+    found = run_many(slam, inputs, KEYS)
     for column, (key, each) in enumerate(zip(KEYS, inputs, strict=True)):
         path = found.trajectories[0, column]
         length = len(each.stamps)
         # Before rounding can have set them apart.
-        alone = run_log(slam, key, each).trajectory
+        alone = run_log(slam, each, key).trajectory
         np.testing.assert_allclose(path[: length // 3], alone[: length // 3], atol=1e-5)
         assert np.isfinite(path[:length]).all()
         assert np.isnan(path[length:]).all()
@@ -150,7 +150,7 @@ def test_a_robot_at_the_edge_of_its_map_is_told(slam, prepared, many):
     assert not many.left_map.any()
     origin = slam.grid.origin + jnp.asarray([5.0, 0.0], jnp.float32)
     moved = dataclasses.replace(slam, grid=dataclasses.replace(slam.grid, origin=origin))
-    found = run_many(slam, KEYS[:1], [slam, moved], prepared)
+    found = run_many(slam, prepared, KEYS[:1], [slam, moved])
     assert found.left_map.tolist() == [[False], [True]]
 
 
@@ -169,30 +169,30 @@ def test_a_robot_at_the_edge_of_its_map_is_told(slam, prepared, many):
 )
 def test_bad_configurations(slam, prepared, configs, message):
     with pytest.raises(ValueError, match=message) as caught:
-        run_many(slam, KEYS, configs, prepared)
+        run_many(slam, prepared, KEYS, configs)
     assert "\n" not in str(caught.value)
 
 
 def test_bad_inputs(slam, prepared, monkeypatch):
     with pytest.raises(ValueError, match="3 keys and 2 inputs"):
-        run_many(slam, KEYS, None, [prepared, prepared])
+        run_many(slam, [prepared, prepared], KEYS)
     with pytest.raises(ValueError, match="0 keys"):
-        run_many(slam, KEYS[:0], None, prepared)
+        run_many(slam, prepared, KEYS[:0])
     with pytest.raises(ValueError, match="spread over devices already"):
-        run_many(slam.shard(jax.devices()), KEYS, None, prepared)
+        run_many(slam.shard(jax.devices()), prepared, KEYS)
     monkeypatch.setattr("jaxslam.pipeline.many.physical_memory", lambda: 1e5)
     with pytest.raises(ValueError, match=r"1 runs at once of 4 maps .* GB .* 0.0001 GB there are"):
-        run_many(slam, KEYS, None, prepared)
+        run_many(slam, prepared, KEYS)
     with pytest.raises(ValueError, match=r"2 runs at once of 4 maps"):
-        run_many(slam, KEYS, None, prepared, devices=jax.devices()[:2])
+        run_many(slam, prepared, KEYS, devices=jax.devices()[:2])
 
 
 def test_neither_devices_nor_runs_together_may_be_none(slam, prepared):
     with pytest.raises(ValueError, match="0 devices, None runs together: give one or more of each"):
-        run_many(slam, KEYS, None, prepared, devices=[])
+        run_many(slam, prepared, KEYS, devices=[])
     for together in (0, -1):
         with pytest.raises(ValueError, match=f"2 devices, {together} runs together"):
-            run_many(slam, KEYS, None, prepared, together=together)
+            run_many(slam, prepared, KEYS, together=together)
     with pytest.raises(ValueError, match="no device to spread the particles over"):
         slam.shard([])
 
@@ -233,15 +233,15 @@ def test_the_memory_is_what_the_compiler_says(slam, prepared, together, monkeypa
 
     monkeypatch.setattr("jaxslam.pipeline.many._program", only_compiled)
     with pytest.raises(RuntimeError, match="compiled"):
-        run_many(large, KEYS, None, prepared, together=together, devices=jax.devices()[:1])
+        run_many(large, prepared, KEYS, together=together, devices=jax.devices()[:1])
     [found] = compiled
     needed = bytes_needed(large, 64, together=together, num_devices=1, kept_maps=0)
     assert 0.8 * needed < found.temp_size_in_bytes < 1.1 * needed
 
 
 def test_particles_spread_over_devices_are_the_same_particles(slam, prepared):
-    alone = run_log(slam, KEYS[0], prepared)
-    spread = run_log(slam.shard(jax.devices()), KEYS[0], prepared)
+    alone = run_log(slam, prepared, KEYS[0])
+    spread = run_log(slam.shard(jax.devices()), prepared, KEYS[0])
     assert alone.resampled.any()
     np.testing.assert_allclose(spread.trajectory, alone.trajectory, atol=1e-5)
     np.testing.assert_array_equal(spread.infos.ancestors, alone.infos.ancestors)

@@ -36,31 +36,31 @@ def without_rates(log):
 
 
 def test_off_leaves_the_wheels_alone(log):
-    prepared = prepare(log, configured("off"))
-    assert prepared.fused is None
-    assert type(prepared.slam.motion) is OdometryMotion
-    assert not np.asarray(prepared.inputs.inputs.odometry.covariance).any()
+    slam, scans = prepare(log, configured("off"))
+    assert scans.fused is None
+    assert type(slam.motion) is OdometryMotion
+    assert not np.asarray(scans.inputs.odometry.covariance).any()
 
 
 @pytest.mark.parametrize("use", ["auto", "on"])
 def test_fused_odometry_moves_the_particles_by_its_covariance(log, use):
-    prepared = prepare(log, configured(use))
-    assert prepared.fused is not None
-    assert prepared.fused.readings["imu"] == len(log.imu.stamps)
-    assert type(prepared.slam.motion) is GaussianMotion
-    assert np.linalg.eigvalsh(prepared.inputs.inputs.odometry.covariance[1:]).min() > 0
+    slam, scans = prepare(log, configured(use))
+    assert scans.fused is not None
+    assert scans.fused.readings["imu"] == len(log.imu.stamps)
+    assert type(slam.motion) is GaussianMotion
+    assert np.linalg.eigvalsh(scans.inputs.odometry.covariance[1:]).min() > 0
 
 
 def test_a_gaussian_motion_of_ones_own_is_kept(log):
     own = configured("on", **{"motion": "gaussian", "motion.rotation_floor": 0.02})
-    assert prepare(log, own).slam.motion.rotation_floor == 0.02
+    assert prepare(log, own)[0].motion.rotation_floor == 0.02
 
 
 @pytest.mark.parametrize("cripple", [without_imu, without_rates])
 def test_auto_does_without_an_imu_that_says_nothing(log, cripple):
-    prepared = prepare(cripple(log), configured("auto"))
-    assert prepared.fused is None
-    assert type(prepared.slam.motion) is OdometryMotion
+    slam, scans = prepare(cripple(log), configured("auto"))
+    assert scans.fused is None
+    assert type(slam.motion) is OdometryMotion
 
 
 def test_on_refuses_a_log_without_imu(log):
@@ -70,12 +70,12 @@ def test_on_refuses_a_log_without_imu(log):
 
 def test_scans_of_a_drive_that_has_no_lag_are_left_alone(log):
     """The estimate has a bias of a quarter of the interval between scans: not to be taken for a lag."""
-    prepared = prepare(log, configured("off"))
-    assert prepared.timing is not None
-    assert prepared.timing.lag is None
-    chosen = log.scans.ranges[prepared.inputs.scan_index]
-    valid = np.asarray(prepared.inputs.inputs.scan.valid)
-    np.testing.assert_allclose(np.asarray(prepared.inputs.inputs.scan.ranges)[valid], chosen[valid])
+    _, scans = prepare(log, configured("off"))
+    assert scans.timing is not None
+    assert scans.timing.lag is None
+    chosen = log.scans.ranges[scans.scan_index]
+    valid = np.asarray(scans.inputs.scan.valid)
+    np.testing.assert_allclose(np.asarray(scans.inputs.scan.ranges)[valid], chosen[valid])
 
 
 def test_the_method_of_the_first_paper_fuses_where_it_can(log):

@@ -12,10 +12,9 @@ from jaxslam.config.thinning import Thinning
 from jaxslam.core import se2
 from jaxslam.core.flags import Flag
 from jaxslam.grid import GridSpec, OccupancyModel
-from jaxslam.localization.amcl import run
 from jaxslam.matching import CorrelativeSearch
 from jaxslam.motion import OdometryMotion
-from jaxslam.pipeline.chunks import CHUNK
+from jaxslam.pipeline.chunks import CHUNK, run_steps
 from jaxslam.pipeline.inputs import PreparedScans, pair_scans
 from jaxslam.pipeline.run import RunResult, SlamError, Snapshot, run_log
 from jaxslam.proposal import MatchedProposal
@@ -74,7 +73,7 @@ def snapshots() -> list[Snapshot]:
 
 @pytest.fixture(scope="module")
 def result(slam, prepared, snapshots) -> RunResult:
-    return run_log(slam, KEY, prepared, on_chunk=snapshots.append)
+    return run_log(slam, prepared, KEY, on_chunk=snapshots.append)
 
 
 @pytest.fixture(scope="module")
@@ -92,10 +91,10 @@ def test_the_log_fills_more_than_one_chunk_and_is_thinned(prepared):
 
 
 def test_chunks_give_the_run_of_one_scan(slam, prepared, result):
-    pose0 = jnp.asarray(prepared.pose0, jnp.float32)
+    state = jax.jit(RBPF.init)(slam, KEY, jnp.asarray(prepared.pose0, jnp.float32))
     # Another code generator rounds in other places, as a loop of another length may.
-    whole = jax.jit(run, compiler_options=compiler_options())
-    state, infos = whole(slam, KEY, pose0, prepared.inputs)
+    whole = jax.jit(run_steps, compiler_options=compiler_options())
+    state, infos = whole(slam, prepared.inputs, KEY, state)
     best = jnp.argmax(state.log_weights)
     path = np.asarray(trajectory(infos, best), np.float64)
     np.testing.assert_allclose(result.trajectory, path, atol=1e-5)
@@ -146,7 +145,7 @@ def test_a_watcher_sees_the_run_grow(prepared, result, snapshots):
 
 
 def test_scans_without_returns_are_warned_about(slam, blind, prepared):
-    result = run_log(slam, KEY, blind)
+    result = run_log(slam, blind, KEY)
     few = np.flatnonzero(result.flags & Flag.FEW_VALID_BEAMS)
     np.testing.assert_array_equal(few, BLIND)
     [warning] = result.warnings
@@ -163,13 +162,13 @@ def test_a_map_that_is_too_small_is_an_error_that_says_where_and_what_to_do(slam
     with pytest.raises(
         SlamError, match=r"edge of the map at scan \d+ \(t = .* s\): .*--map-margin"
     ) as caught:
-        run_log(moved, KEY, prepared)
+        run_log(moved, prepared, KEY)
     assert "\n" not in str(caught.value)
     scan = int(str(caught.value).split("at scan ")[1].split()[0])
     assert scan in prepared.scan_index
     stamp = prepared.all_stamps[prepared.all_index == scan][0]
     assert f"t = {stamp:.3f} s" in str(caught.value)
     # For comparisons the run may go on, with a warning.
-    result = run_log(moved, KEY, prepared, may_leave_map=True)
+    result = run_log(moved, prepared, KEY, may_leave_map=True)
     assert len(result.trajectory) == len(prepared.stamps)
     assert any("edge of the map" in warning for warning in result.warnings)

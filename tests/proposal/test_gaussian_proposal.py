@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from jaxslam.core import se2
-from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
+from jaxslam.core.types import LidarScan, OdometryIncrement
 from jaxslam.grid import field_of_map
 from jaxslam.lidar.beams import scan_points
 from jaxslam.motion import OdometryMotion
-from jaxslam.proposal import GaussianProposal, MatchedProposal
+from jaxslam.proposal import GaussianProposal, MatchedProposal, ProposalContext
 from jaxslam.sensor import LikelihoodField
 
 NUM_BEAMS = 60
@@ -34,7 +34,7 @@ def corridor():
 FIELD = corridor()
 
 
-def inputs():
+def context():
     """What a lidar sees within 4 m of where the odometry leads from the origin."""
     angles = 2 * np.pi / NUM_BEAMS * np.arange(NUM_BEAMS)
     with np.errstate(divide="ignore"):
@@ -47,13 +47,14 @@ def inputs():
         jnp.float32(2 * np.pi / NUM_BEAMS),
         jnp.zeros(3, jnp.float32),
     )
-    return StepInputs(OdometryIncrement(jnp.asarray(DELTA), jnp.zeros((3, 3)), jnp.float32(0.5)), scan)
+    odometry = OdometryIncrement(jnp.asarray(DELTA), jnp.zeros((3, 3)), jnp.float32(0.5))
+    return ProposalContext(odometry, scan, FIELD, MOTION, SENSOR)
 
 
 @jax.jit
 def sample_many(proposal, keys):
     start = jnp.zeros(3, jnp.float32)
-    return jax.vmap(lambda key: proposal.sample(key, start, inputs(), FIELD, MOTION, SENSOR))(keys)
+    return jax.vmap(lambda key: proposal.sample(key, start, context()))(keys)
 
 
 @pytest.mark.parametrize("sharpness", [1.0, 30.0])
@@ -67,12 +68,12 @@ def test_the_weight_is_the_mean_likelihood_of_the_modes_surroundings(sharpness):
 
     @jax.jit
     def expected(key):
-        mode = proposal.matcher.sample(key, jnp.zeros(3), inputs(), FIELD, MOTION, SENSOR).pose
-        ends = scan_points(inputs().scan, NUM_BEAMS)
+        mode = proposal.matcher.sample(key, jnp.zeros(3), context()).pose
+        ends = scan_points(context().scan, NUM_BEAMS)
         drawn = jax.random.uniform(jax.random.fold_in(key, 1), (25, 3), jnp.float32, -1.0, 1.0)
         shape = proposal.around._shape(ends, mode)
         poses = mode[None] + jnp.concatenate([drawn, -drawn]) @ shape.T
-        likelihoods = jnp.exp(jax.vmap(lambda p: SENSOR.log_prob(FIELD, inputs().scan, p))(poses))
+        likelihoods = jnp.exp(jax.vmap(lambda p: SENSOR.log_prob(FIELD, context().scan, p))(poses))
         return jnp.log(jnp.mean(likelihoods**sharpness)) / sharpness
 
     for index, key in enumerate(keys):

@@ -15,7 +15,7 @@ TINY = GaussianMotion(translation_floor=1e-4, rotation_floor=1e-4)
 def deviations(covariance, heading=0.0, trust=TRUST):
     """Standard deviations along the robot, across it and in heading that the prior has."""
     odometry = OdometryIncrement(jnp.zeros(3), jnp.asarray(covariance, jnp.float32), jnp.float32(1.0))
-    prior = trust.about(TINY, odometry, jnp.asarray([1.0, 2.0, heading], jnp.float32))
+    prior = trust.around(TINY, odometry, jnp.asarray([1.0, 2.0, heading], jnp.float32))
     turn = np.array(
         [[np.cos(heading), -np.sin(heading), 0], [np.sin(heading), np.cos(heading), 0], [0, 0, 1]]
     )

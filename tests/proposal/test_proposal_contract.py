@@ -20,6 +20,7 @@ from jaxslam.proposal import (
     GaussianProposal,
     MatchedProposal,
     MotionProposal,
+    ProposalContext,
 )
 from jaxslam.sensor import LikelihoodField
 
@@ -69,9 +70,13 @@ def inputs_of(valid=True) -> StepInputs:
     )
 
 
+def context_of(inputs, field=FIELD, motion=MOTION, sensor=SENSOR) -> ProposalContext:
+    return ProposalContext(inputs.odometry, inputs.scan, field, motion, sensor)
+
+
 @jax.jit
 def jitted_sample(proposal, key, pose, inputs, motion, sensor):
-    return proposal.sample(key, pose, inputs, FIELD, motion, sensor)
+    return proposal.sample(key, pose, context_of(inputs, FIELD, motion, sensor))
 
 
 def sample(proposal, key, pose, inputs):
@@ -81,7 +86,7 @@ def sample(proposal, key, pose, inputs):
 @jax.jit
 def sample_many(proposal, keys, poses, inputs):
     fields = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (len(poses), *leaf.shape)), FIELD)
-    return proposal.sample_all(keys, poses, inputs, fields, MOTION, SENSOR)
+    return proposal.sample_all(keys, poses, context_of(inputs, fields))
 
 
 def test_every_proposal_is_registered():
@@ -120,7 +125,7 @@ def test_jit_and_vmap_change_nothing(proposal):
         assert int(together.flags[index]) == int(alone.flags)
     # Without jit each operation compiles by itself (40 s for the matcher).
     if isinstance(proposal, MotionProposal):
-        plain = proposal.sample(keys[0], POSE, inputs_of(), FIELD, MOTION, SENSOR)
+        plain = proposal.sample(keys[0], POSE, context_of(inputs_of()))
         np.testing.assert_allclose(plain.pose, together.pose[0], atol=1e-3)
 
 

@@ -11,12 +11,13 @@ import jaxslam.sensor
 from jaxslam.core import se2
 from jaxslam.core.types import LidarScan
 from jaxslam.grid import field_of_map
-from jaxslam.sensor import AbstractSensorModel, Beam, Endpoint, LikelihoodField
+from jaxslam.sensor import AbstractSensorModel, Beam, Endpoint, LikelihoodField, Nav2Field
 
 MODELS = {
     "likelihood field": LikelihoodField(max_beams=20),
     "endpoint": Endpoint(max_beams=20),
     "beam": Beam(max_range=8.0, max_beams=20),
+    "nav2 field": Nav2Field(max_range=8.0, max_beams=20),
 }
 every_model = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS.keys())
 NUM_BEAMS, RESOLUTION = 32, 0.1

@@ -261,7 +261,7 @@ def runs(monkeypatch):
     """Calls of `run_many`: how many filters each, and what is in the results besides the odometry."""
     calls, wrong = [], {"flags": 0, "trajectory": 0.0, "error": None}
 
-    def run_many(slam, keys, filters, prepared, *, maps):
+    def run_many(slam, prepared, keys, filters, *, maps):
         calls.append(len(filters))
         if wrong["error"] is not None:
             raise wrong["error"]
@@ -435,10 +435,10 @@ def test_the_values_of_a_trial_are_those_of_its_runs(drive):
     assert any((drive / "programs").iterdir())
     loaded = load(plan.sources[0])
     for each in told:
-        prepared = prepare(loaded.log, plan.configuration(each.settings, loaded.lidar))
+        slam, scans = prepare(loaded.log, plan.configuration(each.settings, loaded.lidar))
         errors = []
         for seed in plan.seeds:
-            run = run_log(prepared.slam, jax.random.key(seed), prepared.inputs)
+            run = run_log(slam, scans, jax.random.key(seed))
             errors.append(
                 reference_error(*loaded.reference, run.all_stamps, run.all_poses, loaded.log.odometry).rmse_m
             )

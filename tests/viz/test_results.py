@@ -6,10 +6,41 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
 from jaxslam.grid import GridSpec
+from jaxslam.io.map_server import read_map
+from jaxslam.pipeline.inputs import PreparedScans
 from jaxslam.pipeline.run import RunResult
+from jaxslam.sim.recording import Truth
+from jaxslam.sim.worlds.halls import hall_small
 from jaxslam.slam import StepInfo
 from jaxslam.viz import plot_run
+
+
+def scans_of(count: int) -> PreparedScans:
+    """Stamps alone, of scans that were all processed."""
+    stamps, index = np.arange(float(count)), np.arange(count)
+    inputs = StepInputs(
+        OdometryIncrement(jnp.zeros((count, 3)), jnp.zeros((count, 3, 3)), jnp.ones(count)),
+        LidarScan(
+            jnp.ones((count, 5)),
+            jnp.ones((count, 5), bool),
+            jnp.zeros(count),
+            jnp.ones(count),
+            jnp.zeros((count, 3)),
+        ),
+    )
+    return PreparedScans(
+        inputs,
+        np.zeros(3),
+        stamps,
+        index,
+        index,
+        stamps,
+        np.zeros((count, 3)),
+        np.zeros((2, 3))[:, :2],
+        count,
+    )
 
 
 @pytest.fixture
@@ -19,9 +50,8 @@ def result() -> RunResult:
     log_odds[4], log_odds[6] = -10, 60
     path = np.stack([np.linspace(1.0, 3.0, 4), np.full(4, 0.45), np.zeros(4)], axis=1)
     return RunResult(
-        stamps=np.arange(4.0),
+        scans=scans_of(4),
         trajectory=path,
-        all_stamps=np.arange(4.0),
         all_poses=path,
         log_odds=log_odds,
         grid=GridSpec.covering(np.zeros(2), np.array([4.0, 1.0]), 0.1),
@@ -37,8 +67,6 @@ def result() -> RunResult:
         ),
         compile_s=1.0,
         run_s=1.0,
-        ms_per_scan=1.0,
-        warnings=(),
     )
 
 
@@ -63,3 +91,29 @@ def test_the_legend_can_be_left_to_the_figure(result):
     ax = Figure().subplots()
     plot_run(result, ax, legend=False)
     assert ax.get_legend() is None
+
+
+def test_a_result_draws_itself_with_the_truth(result):
+    truth = Truth(result.stamps, result.trajectory + 0.01, hall_small()[0])
+    ax = result.plot(Figure().subplots(), truth=truth)
+    labels = ax.get_legend_handles_labels()[1]
+    assert {"truth", "true walls", "estimate"} <= set(labels)
+
+
+def test_a_result_shows_itself_in_a_notebook(result):
+    page, png = result._repr_html_(), result._repr_png_()
+    assert png.startswith(b"\x89PNG")
+    assert "data:image/png;base64," in page
+    for text in ("4 processed of 4", "250.00 ms per scan"):
+        assert text in page
+
+
+def test_a_result_saves_itself(result, tmp_path):
+    picture = result.save(tmp_path / "new" / "run")
+    assert picture == tmp_path / "new" / "run" / "map.png"
+    names = {path.name for path in picture.parent.iterdir()}
+    assert {"map.png", "map.yaml", "map.pgm", "trajectory.tum", "metrics.json", "run.json"} <= names
+    saved = read_map(picture.with_name("map.yaml"))
+    assert saved.occupied.sum() == 40
+    # Cropped to what was seen, rows 4 to 6, and half a meter around as far as the map reaches.
+    assert saved.occupied.shape == (10, 40)

@@ -1,7 +1,7 @@
 """Correct the ranges of a log: the interval of the lidar and the motion during a scan."""
 
 import dataclasses
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from jaxslam.io.log import SensorLog
 from jaxslam.preprocess.deskew import SweepTiming, at_rest, sweep_timing
 
 
+@runtime_checkable
 class LidarRanges(Protocol):
     """The part of `LidarSettings` that the correction needs; this module imports no JAX."""
 

@@ -36,7 +36,7 @@ class Rows(eqx.Module):
     scatter: Float[Array, ""]
 
     @classmethod
-    def of(
+    def from_readings(
         cls, measured: Float64[np.ndarray, "M"], true: Float64[np.ndarray, "M"], resolution: float = 1e-3
     ) -> "Rows":
         """Rows of single readings.

@@ -1,4 +1,4 @@
-"""The experiments: what each asks, of which paper, how long it takes, where its results are."""
+"""The experiments: the paper and the question of each, its duration, and the folder of its results."""
 
 import difflib
 import importlib
@@ -6,20 +6,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-FOLDER = Path(__file__).parent
-"""Has a package for each experiment, and in it the results."""
+FOLDER = Path(__file__).parents[1]
+"""The folder with a package for each experiment, which contains the results."""
 REQUIRED = "python -m pip install -e '.[cli,train,vision]'"
-"""Installs what all of them need."""
+"""Command that installs the dependencies of all experiments."""
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """A package here that `python -m` starts.
+    """A package of `experiments` that `python -m` runs.
 
     Attributes:
-        name: of the package.
-        paper: whose claims it puts to the test, as in `experiments.papers.PAPERS`.
-        hours: that all of it takes on two cores, roughly.
+        name: name of the package.
+        paper: the paper whose claims are tested, a name in `experiments.paper_tables.papers.PAPERS`.
+        hours: approximate duration of the full experiment on two cores.
     """
 
     name: str
@@ -28,51 +28,51 @@ class Experiment:
 
     @property
     def command(self) -> str:
-        """Runs all of it."""
+        """The command that runs the full experiment."""
         return f"python -m experiments run {self.name}"
 
     @property
     def question(self) -> str:
-        """What it answers.
+        """The question that the experiment answers.
 
         Raises:
-            ModuleNotFoundError: something that it needs is not installed.
+            ModuleNotFoundError: a dependency of the experiment is not installed.
         """
         return self._module().QUESTION
 
     @property
     def main(self) -> Callable[[Sequence[str]], None]:
-        """Runs it, with flags as in `experiments.harness.parse_options`.
+        """The function that runs the experiment; its flags are those of `_harness.harness.parse_options`.
 
         Raises:
-            ModuleNotFoundError: something that it needs is not installed.
+            ModuleNotFoundError: a dependency of the experiment is not installed.
         """
         return self._module().main
 
     def results(self, root: Path = FOLDER) -> Path:
-        """The folder of its full results."""
+        """Return the folder of the full results."""
         return root / self.name / "results"
 
     def _module(self):
-        # When it is needed and no sooner: one brings half of what there is along.
+        # The import is late because an experiment imports most of the library.
         return importlib.import_module(f"experiments.{self.name}.__main__")
 
 
 EXPERIMENTS = {
     experiment.name: experiment
     for experiment in (
-        Experiment("tobacco_line", "tobacco", hours=2.0),
-        Experiment("coal_mine", "mine", hours=1.5),
-        Experiment("range_network", "ann", hours=1.5),
+        Experiment("tobacco_line", "Liang et al.", hours=2.0),
+        Experiment("coal_mine", "Yang et al. 2019", hours=1.5),
+        Experiment("range_network", "Jamaludin et al.", hours=1.5),
     )
 }
 
 
 def chosen(names: Sequence[str]) -> list[Experiment]:
-    """The experiments of these names, all of them without any.
+    """Return the experiments of these names, in their order and each once; without names, all experiments.
 
     Raises:
-        ValueError: there is none of a name; the message has the nearest.
+        ValueError: no experiment has that name; the message suggests the closest name.
     """
     for name in names:
         if name not in EXPERIMENTS:
@@ -81,5 +81,4 @@ def chosen(names: Sequence[str]) -> list[Experiment]:
                 f"no experiment is called {name!r}: did you mean {nearest!r}? "
                 f"There are {', '.join(EXPERIMENTS)}"
             )
-    # Each once, in the order that was asked for.
     return [EXPERIMENTS[name] for name in dict.fromkeys(names or EXPERIMENTS)]

@@ -19,6 +19,9 @@ MAPPED = {
     ),
     "gmapping-15": _Mapped("scan matching as gmapping", "gmapping", 15),
 }
-"""The comparison of Yang et al. 2019 over numbers of particles, and two more methods."""
+"""The comparison of Yang et al. 2019 over numbers of particles, and two more methods.
+
+Names and titles are spelled as in the stored results.
+"""
 DRAWN = {"traditional-30": "tab:red", "optimised-15": "tab:blue"}
 """The methods in the figures, with their colors."""

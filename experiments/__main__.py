@@ -1,26 +1,29 @@
-"""`python -m experiments`: lists the experiments, runs them, makes the page of their results."""
+"""`python -m experiments`: list the experiments, run them, write the page of their results."""
 
 import argparse
+import contextlib
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from experiments.catalogue import EXPERIMENTS, FOLDER, REQUIRED, Experiment, chosen
-from experiments.page import PAGE, write_page
-from experiments.results import read_results
-from jaxslam.cli.main import unread
+from experiments._harness.results import read_results
+from experiments.paper_tables.catalogue import EXPERIMENTS, FOLDER, REQUIRED, Experiment, chosen
+from experiments.paper_tables.page import PAGE, write_page
 
 _BAD_INPUT = 2
+_OUTPUT_CLOSED = 141
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Lists, runs or makes the page, as the arguments say.
+    """List the experiments, run them, or write the page, as the arguments ask.
 
     Args:
-        arguments: without the program's name; None takes those of the process.
+        arguments: the arguments without the program's name; None takes the arguments of the process.
 
     Returns:
-        The exit code: 0, or 2 for what cannot be done, with a line on stderr.
+        The exit code: 0; 2 after an error, which is printed on stderr; 141 if the reader of the output has
+        closed it.
     """
     given = _parse(arguments)
     try:
@@ -31,11 +34,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         else:
             _list()
     except BrokenPipeError:
-        return unread()
+        return _output_closed()
     except OSError as error:
         return _complain(str(error))
     except ValueError as error:
-        # Of an experiment itself it would be a mistake of ours, to be seen in full.
+        # A ValueError of an experiment is a defect, so its traceback is shown.
         if given.command == "run":
             raise
         return _complain(str(error))
@@ -44,25 +47,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
-        prog="python -m experiments", description="Without a command: lists the experiments."
+        prog="python -m experiments", description="Without a command, list the experiments."
     )
     commands = parser.add_subparsers(dest="command", metavar="{list,run,page}")
-    commands.add_parser("list", help="what there is, and which results are there")
-    commands.add_parser("page", help=f"collect the results in {PAGE}, beside what the papers show")
-    run = commands.add_parser("run", help="run experiments one after the other")
-    run.add_argument("names", nargs="*", metavar="NAME", help="which; all of them without any")
-    run.add_argument("--out", type=Path, metavar="DIR", help="for results: DIR/NAME, else their own")
-    run.add_argument("--smoke", action="store_true", help="tiny versions, to see that they run; needs --out")
-    run.add_argument("--seeds", type=int, metavar="N", help="runs of every cell, else as many as each says")
-    run.add_argument("--workers", type=int, metavar="N", help="processes side by side")
-    run.add_argument("--fresh", action="store_true", help="compute again what the folders have")
+    commands.add_parser("list", help="list the experiments and the state of their results")
+    commands.add_parser("page", help=f"write {PAGE}, which compares the results with the papers")
+    run = commands.add_parser("run", help="run experiments one after another")
+    run.add_argument("names", nargs="*", metavar="NAME", help="experiments to run; default: all")
+    run.add_argument("--out", type=Path, metavar="DIR", help="write results to DIR/NAME")
+    run.add_argument("--smoke", action="store_true", help="run tiny versions as a check; needs --out")
+    run.add_argument("--seeds", type=int, metavar="N", help="number of runs of each cell")
+    run.add_argument("--workers", type=int, metavar="N", help="parallel processes")
+    run.add_argument("--fresh", action="store_true", help="recompute cells that the folders already have")
     return parser.parse_args(arguments)
 
 
 def _list() -> None:
     for experiment in EXPERIMENTS.values():
         results = read_results(experiment.results())
-        state = f"none yet: {experiment.command}" if results.text is None else results.made_by or "there"
+        state = f"none yet: {experiment.command}" if results.text is None else results.made_by or "complete"
         print(f"{experiment.name} (paper: {experiment.paper}), about {experiment.hours:g} h on two cores")
         print(f"    {_question(experiment)}")
         print(f"    results: {state}")
@@ -77,7 +80,7 @@ def _question(experiment: Experiment) -> str:
 
 def _run(given: argparse.Namespace) -> int:
     try:
-        # Whether all that they need is there shows now, and not after the hours of the first.
+        # A missing dependency is reported now, and not after the hours of the first experiment.
         mains = {experiment.name: experiment.main for experiment in chosen(given.names)}
     except ValueError as error:
         return _complain(str(error))
@@ -87,12 +90,12 @@ def _run(given: argparse.Namespace) -> int:
         print(f"== {name}", flush=True)
         run(_flags(given, name))
     if given.out is None:
-        print("python -m experiments page brings the page of results up to date")
+        print("Update the page of results: python -m experiments page")
     return 0
 
 
 def _flags(given: argparse.Namespace, name: str) -> list[str]:
-    """Those that an experiment of its own understands."""
+    """Return the flags for one experiment."""
     flags = ["--smoke"] if given.smoke else []
     flags += ["--fresh"] if given.fresh else []
     flags += [] if given.seeds is None else ["--seeds", str(given.seeds)]
@@ -105,6 +108,14 @@ def _make_page() -> None:
     print(f"written to {FOLDER / PAGE}")
     for line in missing:
         print(line)
+
+
+def _output_closed() -> int:
+    """Handle a reader that stops early, as `head` does: this is not an error."""
+    # At exit, Python would flush the rest of the buffer and report the same error.
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return _OUTPUT_CLOSED
 
 
 def _complain(message: str) -> int:

@@ -1,1 +1,1 @@
-"""The second paper: FastSLAM with a Gaussian proposal, and localisation, in a coal-mine roadway."""
+"""Yang et al. 2019: mapping a self-similar coal-mine roadway, and localizing in its map."""

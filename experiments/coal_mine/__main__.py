@@ -1,15 +1,11 @@
-"""`python -m experiments.coal_mine [--smoke]`: runs everything, writes table and figures."""
+"""`python -m experiments.coal_mine [--smoke]`: run all cells, write the tables and the figures."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from experiments.accuracy import ACCURACY_HEADER, accuracy_columns
-from experiments.coal_mine import localising, mapping
-from experiments.coal_mine.cells import run_cell
-from experiments.coal_mine.figures import draw_localisation, draw_particles, draw_roadways
-from experiments.coal_mine.methods import DRAWN, MAPPED
-from experiments.harness import (
+from experiments._harness.accuracy import ACCURACY_HEADER, accuracy_columns
+from experiments._harness.harness import (
     Arrays,
     Cell,
     Options,
@@ -19,41 +15,47 @@ from experiments.harness import (
     spread_over_seeds,
     write_results,
 )
-from experiments.method import Method
-from experiments.timing import milliseconds_per_scan
+from experiments._harness.method import Method
+from experiments._harness.timing import milliseconds_per_scan
+from experiments.coal_mine import localization, mapping
+from experiments.coal_mine.cells import run_cell
+from experiments.coal_mine.figures import draw_localization, draw_particles, draw_roadways
+from experiments.coal_mine.methods import DRAWN, MAPPED
 from jaxslam.config.dotted import flatten
 
-QUESTION = "Does a Gaussian proposal keep the map of a roadway straight, and can a robot localise in it?"
+QUESTION = "Does a Gaussian proposal keep the map of a roadway straight, and can a robot localize in it?"
 WORLD = "roadway"
 DURATION, SMOKE_DURATION = 230.0, 12.0
-"""Once round the loop of 166 m and a fifth of it again; and a few metres."""
+"""Seconds: the loop of 166 m and a fifth of it again; a few meters for a smoke test."""
 TIMED_FOR = 40.0
-"""Seconds of the drive that the methods are timed on."""
+"""Length of the drive on which the methods are timed, seconds."""
 BEFORE, SMOKE_BEFORE = 60, 10
-"""Updates that a robot is tracked for before it is carried off."""
+"""Updates for which a robot is tracked before it is kidnapped."""
 TASKS = ("tracking", "global", "kidnapped")
 SMOKE_TASKS = (("tracking", "built"), ("global", "true"), ("kidnapped", "true"))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Runs the experiment."""
+    """Run the experiment."""
     options = parse_options("coal_mine", QUESTION, seeds=10, arguments=arguments)
     names = list(DRAWN) if options.smoke else list(MAPPED)
     cells = [_mapping_cell(name, options) for name in names]
     tasks = [(task, which) for task in TASKS for which in ("true", "built")]
-    # One built map is enough to see that it works.
+    # One built map is enough for a smoke test.
     tasks = [task for task in tasks if not options.smoke or task in SMOKE_TASKS]
-    cells += [_localising_cell(task, which, options) for task, which in tasks]
+    cells += [_localization_cell(task, which, options) for task, which in tasks]
     results = compute(cells, run_cell, options)
     timed_for = min(_duration(options), TIMED_FOR)
-    times = milliseconds_per_scan(names, lambda name: mapping.prepared_for(name, WORLD, timed_for), options)
+    times = milliseconds_per_scan(
+        names, lambda name: mapping.prepared(name, WORLD, 0, timed_for)[:2], options
+    )
     draw_roadways(options.out / "maps.png", results)
     draw_particles(options.out / "particles.png", results)
-    draw_localisation(options.out / "localisation.png", results, _before(options))
+    draw_localization(options.out / "localisation.png", results, _before(options))
     mapped = [_mapping_row(MAPPED[name], results[f"map-{name}"], times[name]) for name in names]
-    localised = [_localising_row(task, which, results[f"{task}-{which}"]) for task, which in tasks]
+    localized = [_localization_row(task, which, results[f"{task}-{which}"]) for task, which in tasks]
     text = f"Mapping:\n\n{markdown_table(MAPPING_HEADER, mapped)}\n"
-    text += f"Localisation:\n\n{markdown_table(LOCALISING_HEADER, localised)}"
+    text += f"Localisation:\n\n{markdown_table(LOCALIZATION_HEADER, localized)}"
     write_results(options, text, _duration(options))
 
 
@@ -76,7 +78,7 @@ def _mapping_cell(name: str, options: Options) -> Cell:
     return Cell(f"map-{name}", settings)
 
 
-def _localising_cell(task: str, which: str, options: Options) -> Cell:
+def _localization_cell(task: str, which: str, options: Options) -> Cell:
     settings = {
         "world": WORLD,
         "task": task,
@@ -86,10 +88,11 @@ def _localising_cell(task: str, which: str, options: Options) -> Cell:
         "trials": 1 if task == "tracking" else 2 if options.smoke else 10,
         "before": _before(options),
         "steps": 20 if options.smoke else 150,
-        "configuration": flatten(localising.CONFIGURATION),
+        "configuration": flatten(localization.CONFIGURATION),
     }
     if which == "built":
-        settings["mapping"] = {"num_beams": mapping.NUM_BEAMS, **flatten(localising.MAPPING.configuration())}
+        configuration = MAPPED[localization.MAPPING].configuration()
+        settings["mapping"] = {"num_beams": mapping.NUM_BEAMS, **flatten(configuration)}
     return Cell(f"{task}-{which}", settings)
 
 
@@ -116,18 +119,18 @@ def _mapping_row(method: Method, cell: Arrays, milliseconds: float) -> list[str]
     ]
 
 
-LOCALISING_HEADER = (
+LOCALIZATION_HEADER = (
     "task",
     "map",
     "trials",
     "found at the end",
     "error when tracked, m",
     "updates until found: median, worst",
-    "live particles, median",
+    "particles, median",
 )
 
 
-def _localising_row(task: str, which: str, cell: Arrays) -> list[str]:
+def _localization_row(task: str, which: str, cell: Arrays) -> list[str]:
     found, after = cell["found"].ravel(), cell["found_after"].ravel()
     return [
         task,
@@ -138,7 +141,7 @@ def _localising_row(task: str, which: str, cell: Arrays) -> list[str]:
         "–"
         if task == "tracking"
         else ", ".join(_updates(value) for value in (np.median(after), after.max())),
-        f"{np.median(cell['live']):.0f}",
+        f"{np.median(cell['num_particles']):.0f}",
     ]
 
 

@@ -1,9 +1,9 @@
-"""A cell of either part. Not in `__main__`, where a process of its own would not find it."""
+"""A cell of either part. A spawned process could not import it from `__main__`."""
 
-from experiments.coal_mine import localising, mapping
-from experiments.harness import Arrays, Cell
+from experiments._harness.harness import Arrays, Cell
+from experiments.coal_mine import localization, mapping
 
 
 def run_cell(cell: Cell) -> Arrays:
-    """Maps, or localises."""
-    return (mapping if "method" in cell.settings else localising).run_cell(cell)
+    """Run a mapping or a localization cell."""
+    return (mapping if "method" in cell.settings else localization).run_cell(cell)

@@ -1,4 +1,4 @@
-"""The paper's figures 7 and 8, and what happens to the particles, drawn from the results."""
+"""The figures 7 and 8 of Yang et al. 2019, and curves of the particles, drawn from the results."""
 
 from pathlib import Path
 
@@ -6,18 +6,18 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from experiments._harness.harness import Arrays
+from experiments._harness.maps import draw_maps
 from experiments.coal_mine.methods import DRAWN, MAPPED
-from experiments.harness import Arrays
-from experiments.maps import draw_maps
 
 
 def draw_roadways(path: Path, results: dict[str, Arrays]) -> None:
-    """Figures 7 and 8: the roadway by the traditional filter and by the optimised one."""
+    """Draw the roadway by the traditional and by the optimized filter (figures 7 and 8)."""
     draw_maps(path, [(MAPPED[name], results[f"map-{name}"]) for name in DRAWN], (len(DRAWN), 1), (10, 8))
 
 
 def draw_particles(path: Path, results: dict[str, Arrays]) -> None:
-    """Error, effective sample size and ancestors over time: mean over seeds, and from least to most."""
+    """Draw error, effective sample size and ancestors over time: mean and range over seeds."""
     figure = Figure(figsize=(9, 8), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(3, 1, sharex=True)
@@ -39,13 +39,13 @@ def draw_particles(path: Path, results: dict[str, Arrays]) -> None:
     figure.savefig(path, dpi=110)
 
 
-def draw_localisation(path: Path, results: dict[str, Arrays], carried_at: int) -> None:
-    """Live particles and share of robots found, step by step: KLD sampling and recovery at work.
+def draw_localization(path: Path, results: dict[str, Arrays], carried_at: int) -> None:
+    """Draw the number of particles and the share of robots found over the updates.
 
     Args:
-        path: of the picture.
+        path: file to write.
         results: cells by name.
-        carried_at: the step at which a kidnapped robot is carried off.
+        carried_at: the step at which a robot is kidnapped.
     """
     figure = Figure(figsize=(10, 6.5), layout="constrained")
     FigureCanvasAgg(figure)
@@ -55,16 +55,18 @@ def draw_localisation(path: Path, results: dict[str, Arrays], carried_at: int) -
             if f"{task}-{which}" not in results:
                 continue
             cell = results[f"{task}-{which}"]
-            live, position = (cell[key].reshape(-1, cell[key].shape[-1]) for key in ("live", "position"))
-            steps = np.arange(live.shape[1])
-            panels[0, column].semilogy(steps, np.median(live, axis=0), color=color, label=f"{which} map")
-            low, high = np.percentile(live, (10, 90), axis=0)
+            counts, position = (
+                cell[key].reshape(-1, cell[key].shape[-1]) for key in ("num_particles", "position")
+            )
+            steps = np.arange(counts.shape[1])
+            panels[0, column].semilogy(steps, np.median(counts, axis=0), color=color, label=f"{which} map")
+            low, high = np.percentile(counts, (10, 90), axis=0)
             panels[0, column].fill_between(steps, low, high, color=color, alpha=0.2, linewidth=0)
             panels[1, column].plot(steps, (position < 0.5).mean(axis=0), color=color, label=f"{which} map")
         titles = {"global": "global start", "kidnapped": f"kidnapped at step {carried_at}"}
         panels[0, column].set_title(titles[task])
         panels[1, column].set(xlabel="update", ylim=(0, 1.02))
-    panels[0, 0].set_ylabel("live particles: median, 10 to 90 %")
+    panels[0, 0].set_ylabel("particles: median, 10 to 90 %")
     panels[1, 0].set_ylabel("share of robots within 0.5 m")
     panels[0, 0].legend(fontsize="small")
     for ax in panels.ravel():

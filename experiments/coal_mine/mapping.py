@@ -5,58 +5,50 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float64
 
-from experiments.coal_mine.methods import MAPPED
-from experiments.harness import Arrays, Cell, stack_seeds
-from experiments.measures import (
+from experiments._harness.harness import Arrays, Cell, stack_seeds
+from experiments._harness.measures import (
     ancestors_left,
     mean_pose,
-    of_the_first_seed,
-    on_the_worlds_grid,
+    of_first_seed,
+    on_world_grid,
     pose_errors,
     wall_and_free_iou,
 )
-from jaxslam.grid import field_of_map
-from jaxslam.grid.raycast import cast
-from jaxslam.pipeline.prepare import Prepared, prepare
-from jaxslam.pipeline.run import RunResult, run_log
-from jaxslam.sim import Simulation, World, cast_rays, make_world, simulate, to_log, vlp16_ring
+from experiments.coal_mine.methods import MAPPED
+from jaxslam import RBPF, RunResult, SensorLog, prepare, run_log, sim
+from jaxslam.grid import cast, field_of_map
+from jaxslam.pipeline.inputs import PreparedScans
 
 NUM_BEAMS = 450
 ANCESTRY = 50
-"""Steps back over which the ancestors are counted: some ten metres."""
+"""Number of steps over which ancestors are traced back: about ten meters of the drive."""
 _REACH = 6.0
-"""How far a wall is looked for from the middle of the roadway, metres."""
+"""Largest distance from the middle of the roadway at which a wall is searched for, meters."""
 
 
-def drive(world_name: str, seed: int, duration: float) -> tuple[World, Simulation]:
-    """A drive through the roadway, by a key that no filter has: theirs count steps and trials from 0."""
-    world, waypoints = make_world(world_name)
+def drive(world: str, seed: int, duration: float) -> tuple[SensorLog, sim.Truth]:
+    """Simulate a drive through the roadway; no filter uses its key, since steps and trials count from 0."""
     key = jax.random.fold_in(jax.random.key(seed), 2**32 - 2)
-    return world, simulate(key, world, waypoints, lidar=vlp16_ring(num_beams=NUM_BEAMS), duration=duration)
+    return sim.drive(world, key=key, lidar=sim.vlp16_ring(num_beams=NUM_BEAMS), duration=duration)
+
+
+def prepared(method: str, world: str, seed: int, duration: float) -> tuple[RBPF, PreparedScans, sim.Truth]:
+    """Return a method's filter, the scans of a drive, and its truth."""
+    log, truth = drive(world, seed, duration)
+    slam, scans = prepare(log, MAPPED[method].configuration())
+    return on_world_grid(slam, truth.world), scans, truth
 
 
 def run_cell(cell: Cell) -> Arrays:
-    """All seeds of a cell. What varies over seeds has them first; maps are those of seed 0."""
+    """Run all seeds of a cell. Results have the seeds first; maps are of seed 0 only."""
     settings = cell.settings
     return stack_seeds([_run_seed(settings, seed) for seed in range(settings["seeds"])])
 
 
-def prepared_for(method: str, world_name: str, duration: float) -> Prepared:
-    """The filter of a method and what it runs over, seed 0."""
-    world, simulation = drive(world_name, 0, duration)
-    return _prepared(method, world, simulation)
-
-
-def _prepared(method: str, world: World, simulation: Simulation) -> Prepared:
-    log = to_log(simulation, world.name, in_world_frame=True)
-    return on_the_worlds_grid(prepare(log, MAPPED[method].configuration()), world)
-
-
 def _run_seed(settings, seed: int) -> Arrays:
-    world, simulation = drive(settings["world"], seed, settings["duration"])
-    prepared = _prepared(settings["method"], world, simulation)
-    truth = np.asarray(simulation.scan_poses, np.float64)[prepared.inputs.scan_index]
-    result = run_log(prepared.slam, jax.random.key(seed), prepared.inputs)
+    slam, scans, driven = prepared(settings["method"], settings["world"], seed, settings["duration"])
+    world, truth = driven.world, driven.poses[scans.scan_index]
+    result = run_log(slam, scans, jax.random.key(seed))
     seconds = result.stamps - result.stamps[0]
     weights = np.exp(np.asarray(result.infos.log_weights))
     estimate = mean_pose(np.asarray(result.infos.poses, np.float64), weights)
@@ -76,34 +68,34 @@ def _run_seed(settings, seed: int) -> Arrays:
         "ancestors": np.interp(times, seconds, left),
         "least_ancestors": np.asarray(left[ANCESTRY:].min(initial=result.particles.shape[0])),
         "resamplings": np.asarray(result.resampled.sum()),
-        **of_the_first_seed(result, truth, times),
+        **of_first_seed(result, truth, times),
     }
 
 
 def length_error(path: Float64[np.ndarray, "T 3"], truth: Float64[np.ndarray, "T 3"]) -> float:
-    """How much longer or shorter the map's roadway is, from its one end along x to the other, metres."""
+    """Return the error in the distance between both ends of the roadway along x, meters."""
     first, last = int(np.argmin(truth[:, 0])), int(np.argmax(truth[:, 0]))
     mapped, true = (np.linalg.norm(poses[last, :2] - poses[first, :2]) for poses in (path, truth))
     return float(abs(mapped - true))
 
 
-def width_error(world: World, result: RunResult, truth: Float64[np.ndarray, "T 3"]) -> float:
-    """Median error of the roadway's width in the map, metres.
+def width_error(world: sim.World, result: RunResult, truth: Float64[np.ndarray, "T 3"]) -> float:
+    """Return the median error of the roadway's width in the map, meters.
 
-    At every pose, to the left and to the right: in the final map from where the path has it, and in the
-    world. A wall that was mapped twice makes the roadway narrow, one that is missing ends at `_REACH`. The
-    median, because where a ray grazes the corner of a cross-cut a centimetre decides over metres: there a
-    perfect map is as wrong as any.
+    At each pose, one ray is cast to the left and one to the right: in the final map from the estimated pose,
+    and in the world from the true pose. A wall that was mapped twice makes the roadway narrower; a ray
+    without a wall ends at `_REACH`. The median is robust against rays that graze the corner of a cross-cut,
+    where an error of a centimeter in the pose changes the range by meters.
     """
     sides = jnp.asarray([-np.pi / 2, np.pi / 2], jnp.float32)
-    true = np.asarray(jax.jit(cast_rays)(world, jnp.asarray(truth, jnp.float32), sides))
+    true = np.asarray(jax.jit(sim.cast_rays)(world, jnp.asarray(truth, jnp.float32), sides))
     occupied = jnp.asarray(result.log_odds > 0)
     field = jax.jit(field_of_map, static_argnums=3)(occupied, result.grid.origin, result.grid.resolution, 10)
     poses = jnp.asarray(result.trajectory, jnp.float32)
     entered = np.asarray(jax.jit(jax.vmap(lambda pose: cast(field.fine, pose, sides, _REACH)))(poses))
-    # The wall lies anywhere in the cell that it made occupied: in the middle, on average.
+    # A wall lies anywhere within its occupied cell, on average in the middle.
     found = np.minimum(entered + 0.5 * float(result.grid.resolution), _REACH)
-    # Not in the openings, where there is no wall to the side.
+    # Openings have no wall at the side.
     between_walls = (true < _REACH).all(axis=1)
     error = (found - true)[between_walls].sum(axis=1)
     return float(np.median(np.abs(error)))

@@ -1,8 +1,8 @@
-"""The methods compared, as configurations."""
+"""The methods of the comparison, as configurations."""
 
 from functools import partial
 
-from experiments.method import Method
+from experiments._harness.method import Method
 
 _Mapped = partial(Method, lidar="vlp-16")
 
@@ -19,6 +19,9 @@ MAPPED = {
     ),
     "gmapping-15": _Mapped("scan matching as gmapping", "gmapping", 15),
 }
-"""The paper's comparison over particle numbers, and two more."""
+"""The comparison of Yang et al. 2019 over numbers of particles, and two more methods.
+
+Names and titles are spelled as in the stored results.
+"""
 DRAWN = {"traditional-30": "tab:red", "optimised-15": "tab:blue"}
-"""Those in the figures, with their colours."""
+"""The methods in the figures, with their colors."""

@@ -1,1 +1,1 @@
-"""The third paper's experiment: a corridor by a cheap lidar, with and without the network."""
+"""Jamaludin et al.: mapping a corridor with a cheap lidar, with and without the range network."""

@@ -1,8 +1,8 @@
-"""`python -m experiments.range_network [--smoke]`: runs everything, writes tables and figures."""
+"""`python -m experiments.range_network [--smoke]`: run all cells, write the tables and the figures."""
 
 from collections.abc import Sequence
 
-from experiments.harness import (
+from experiments._harness.harness import (
     Arrays,
     Cell,
     Options,
@@ -12,32 +12,32 @@ from experiments.harness import (
     spread_over_seeds,
     write_results,
 )
+from experiments._harness.timing import milliseconds_per_scan
 from experiments.range_network import runs
 from experiments.range_network.cells import run_cell
 from experiments.range_network.devices import Quality, calibration, device, learnt
 from experiments.range_network.figures import draw_loops
-from experiments.timing import milliseconds_per_scan
 from jaxslam.report.training_folder import PAPERS_MSE, write_training
 
 QUESTION = "Does a network that corrects a cheap lidar let 30 particles close a loop that takes 400 without?"
 PARTICLES, SMOKE_PARTICLES = (30, 100, 200, 400), (5,)
 DURATION, SMOKE_DURATION = 1050.0, 290.0
-"""Once round the corridor and a tenth of it again."""
+"""Seconds: once around the corridor and a tenth of it again; a part of it for a smoke test."""
 TIMED_FOR = 200.0
-"""Seconds of the drive that the filters are timed on."""
+"""Length of the drive on which the filters are timed, seconds."""
 REFERENCE, SMOKE_REFERENCE = (1000, 2900.0), (5, 290.0)
-"""Particles and seconds of the ground-truth map."""
+"""Particles and length of the drive, seconds, for the ground-truth map."""
 WORST = Quality(bias=1.0, noise=1.0)
-"""The worst device within its data sheet: where the claim is put to the test."""
+"""The worst device that the data sheet allows, on which the claim is tested."""
 BIASES, NOISES = (0.0, 0.3, 0.6, 1.0), (1 / 3, 2 / 3, 1.0)
 PAPER = {30: ("0/10", 53.0, "10/10", 58.0), 100: ("4/10", 47.9, "10/10", 58.3)}
 PAPER |= {200: ("6/10", 48.5, "10/10", 61.6), 400: ("10/10", 46.9, "10/10", 67.8)}
-"""Table II: loops closed and inliers, without and with the network."""
+"""Table II of Jamaludin et al.: loops closed and inliers, without and with the network."""
 WITHOUT_WITH = ("without", "with")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Runs the experiment."""
+    """Run the experiment."""
     options = parse_options("range_network", QUESTION, seeds=10, arguments=arguments)
     particles = SMOKE_PARTICLES if options.smoke else PARTICLES
     qualities = _swept(options)
@@ -45,14 +45,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     cells += [_reference_cell(which, options) for which in ("known", "built")]
     trials = {(WORST, count, net) for count in particles for net in WITHOUT_WITH}
     trials |= {(quality, particles[0], net) for quality in qualities for net in WITHOUT_WITH}
-    # The long ones first: at the end none is left alone.
+    # Long cells go first, so that no process has to wait for a long one at the end.
     cells += [_trial_cell(*trial, options) for trial in sorted(trials, key=lambda trial: -trial[1])]
     results = compute(cells, run_cell, options)
     names = [_name(WORST, count, net) for count in particles for net in WITHOUT_WITH]
     by_name = {cell.name: cell for cell in cells}
     timed_for = min(_duration(options), TIMED_FOR)
     times = milliseconds_per_scan(
-        names, lambda name: runs.prepared_trial(by_name[name].settings, 0, timed_for)[2], options
+        names, lambda name: runs.prepared_trial(by_name[name].settings, 0, timed_for)[:2], options
     )
     without, with_network = (_name(WORST, particles[0], net) for net in WITHOUT_WITH)
     draw_loops(options.out / "maps.png", results, (without, with_network))
@@ -202,7 +202,7 @@ def _sweep_table(particles: int, qualities: Sequence[Quality], results: dict[str
 
 
 def _write_training_figures(options: Options) -> None:
-    """Figures 8 to 13, of the first device."""
+    """Draw the figures 8 to 13 for the first device."""
     folder = options.out / "training"
     folder.mkdir(exist_ok=True)
     readings = calibration(device(WORST, 0), 0)

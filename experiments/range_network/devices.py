@@ -1,4 +1,4 @@
-"""Cheap lidars within their data sheet, and the networks that correct them."""
+"""Cheap lidars within the limits of their data sheet, and the networks that correct their ranges."""
 
 import functools
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from jaxslam.sim import Lidar, calibration_distances, calibration_run, draw_lds_
 
 @dataclass(frozen=True)
 class Quality:
-    """How much of what the LDS-01's data sheet allows a device is off by.
+    """Errors of a device relative to the limits of the data sheet of the LDS-01.
 
     Attributes:
-        bias: its largest bias, as a share of the accuracy (±15 mm to 0.5 m, up to ±5 % beyond).
-        noise: what the precision (±10 mm to 0.5 m, up to ±3.5 % beyond) is in standard deviations: 1/3 where
-            nearly all readings keep it, 1 where two thirds do.
+        bias: largest bias, as a fraction of the accuracy (±15 mm to 0.5 m, up to ±5 % beyond).
+        noise: standard deviation, as a fraction of the precision (±10 mm to 0.5 m, up to ±3.5 % beyond): with
+            1/3, nearly all readings lie within the precision; with 1, two thirds of them do.
     """
 
     bias: float
@@ -29,9 +29,9 @@ class Quality:
 
 @functools.cache
 def device(quality: Quality, unit: int) -> Lidar:
-    """One lidar; `unit` draws its bias."""
+    """Return one lidar, whose bias is drawn with the key `unit`."""
     lidar = lds_01(draw_lds_01_bias(jax.random.key(unit), quality.bias) if quality.bias else None)
-    # The preset keeps the precision in three standard deviations.
+    # In the preset, the precision is three standard deviations.
     scale = 3.0 * quality.noise
     return eqx.tree_at(
         lambda made: (made.sigma_constant, made.sigma_proportional),
@@ -41,7 +41,7 @@ def device(quality: Quality, unit: int) -> Lidar:
 
 
 def calibration(lidar: Lidar, unit: int, num_readings: int = 2000) -> Readings:
-    """The paper's: a wall at 0.12 to 3.5 m in steps of 0.1 m."""
+    """Simulate the calibration of Jamaludin et al.: a wall at 0.12 to 3.5 m in steps of 0.1 m."""
     distances = calibration_distances(lidar)
     key = jax.random.fold_in(jax.random.key(unit), 2**32 - 3)
     ranges, valid = calibration_run(key, lidar, distances, num_readings)
@@ -53,7 +53,7 @@ def calibration(lidar: Lidar, unit: int, num_readings: int = 2000) -> Readings:
 def learnt(
     quality: Quality, unit: int, method: Method = "levenberg-marquardt", restarts: int = 5
 ) -> TrainingResult:
-    """50 neurons on the calibration of one lidar."""
+    """Train 50 neurons on the calibration of one lidar."""
     readings = calibration(device(quality, unit), unit)
     return learn(
         jax.random.key(unit), readings, Split.from_readings(readings), restarts=restarts, method=method
@@ -62,5 +62,5 @@ def learnt(
 
 @functools.cache
 def network(quality: Quality, unit: int) -> RangeNetwork:
-    """What corrects one lidar."""
+    """Return the network that corrects the ranges of one lidar."""
     return learnt(quality, unit).network

@@ -1,4 +1,4 @@
-"""The paper's figures 14 to 19: the corridor's map without the network, with it, and as it should be."""
+"""Maps of the corridor with and without the network (figures 14 to 16 of Jamaludin et al.)."""
 
 from pathlib import Path
 
@@ -6,14 +6,15 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from experiments.harness import Arrays
+from experiments._harness.harness import Arrays
 from jaxslam.viz import plot_map, plot_trajectory
 
 
 def draw_loops(path: Path, results: dict[str, Arrays], names: tuple[str, str]) -> None:
-    """Maps without and with the network, below the one from known poses and the one from many particles.
+    """Draw the two reference maps, and below them one map without and one with the network.
 
-    Shown is the first trial that only one of the two closes; without one the first of all, with its paths.
+    The trial is the first one in which only one of the two methods closes the loop. If no trial differs,
+    trial 0 is drawn with its paths.
     """
     shown: list[tuple[str, Arrays, int | None]] = [
         ("from known poses, a lidar without bias", results["reference-known"], None),
@@ -33,7 +34,7 @@ def draw_loops(path: Path, results: dict[str, Arrays], names: tuple[str, str]) -
     for ax, (title, cell, which) in zip(figure.subplots(len(shown), 1), shown, strict=True):
         log_odds = cell["one_map"] if which is None else cell["maps"][which]
         plot_map(log_odds, float(cell["one_resolution"]), cell["one_origin"], ax)
-        # Of the other trials the paths are not kept.
+        # Paths are kept for trial 0 only.
         if not which:
             plot_trajectory(cell["one_path"], ax, label="estimate", legend=False)
             plot_trajectory(cell["one_truth"], ax, label="truth", color="black", linestyle="--", legend=False)

@@ -1,4 +1,4 @@
-"""One cell: trials in the corridor with one number of particles, or the map that they are measured by."""
+"""One cell: trials in the corridor with one number of particles, or the reference map."""
 
 import dataclasses
 import resource
@@ -9,99 +9,70 @@ import jax
 import numpy as np
 from jaxtyping import Float64, Int, Int8
 
-from experiments.harness import Arrays, Cell, stack_seeds
-from experiments.measures import of_the_first_seed, on_the_worlds_grid, pose_errors, true_map
-from experiments.method import ODOMETRY_NOISE, Method
+from experiments._harness.harness import Arrays, Cell, stack_seeds
+from experiments._harness.measures import of_first_seed, on_world_grid, pose_errors, true_map
+from experiments._harness.method import ODOMETRY_NOISE, Method
 from experiments.range_network.devices import Quality, device, network
-from jaxslam.io.log import OdometryTrack
+from jaxslam import RBPF, RunResult, SensorLog, prepare, run_log, sim
+from jaxslam.io import OdometryTrack
 from jaxslam.metrics import BinaryMap, loop_closed, match_features
-from jaxslam.pipeline.prepare import Prepared, prepare
-from jaxslam.pipeline.run import RunResult, run_log
-from jaxslam.range_network import RangeNetwork
+from jaxslam.pipeline.inputs import PreparedScans
 from jaxslam.report.folder import occupancy_probability
-from jaxslam.sim import (
-    Corridor,
-    Lidar,
-    Robot,
-    WheelOdometry,
-    World,
-    build_corridor,
-    corridor_loop,
-    lds_01,
-    simulate,
-    to_log,
-)
 
 MARGIN = 10.0
-"""Of the maps round the corridor, metres: the window's 3.5 m, and what a robot may be off by before it counts
-for lost."""
+"""Width of the maps' border around the corridor, meters: 3.5 m for the window, and 6.5 m for errors of the
+pose."""
 SPEED = 0.12
-"""Of the robot, m/s."""
+"""Speed of the robot, m/s."""
 SMALL_LOOP, BACK = 12.0, 6.0
-"""For the ground truth the robot drives forth and back by so many metres."""
-TURTLEBOT = Robot(max_speed=SPEED, radius=0.15)
-WHEELS = WheelOdometry(wheel_radius=0.033, track_width=0.16, ticks_per_turn=4096.0, rate=20.0)
+"""Distances that the robot drives forth and back for the ground-truth map, meters."""
+TURTLEBOT = sim.Robot(max_speed=SPEED, radius=0.15)
+WHEELS = sim.WheelOdometry(wheel_radius=0.033, track_width=0.16, ticks_per_turn=4096.0, rate=20.0)
 
 
 def run_cell(cell: Cell) -> Arrays:
-    """All trials of a cell. What varies over them has them first; the map is that of trial 0."""
+    """Run all trials of a cell. Results have the trials first; `one_map` is of trial 0."""
     settings = cell.settings
     if settings["task"] == "reference":
         return _reference(settings)
     return stack_seeds([_run_trial(settings, seed) for seed in range(settings["seeds"])])
 
 
-def corridor(small: bool) -> tuple[World, Float64[np.ndarray, "W 2"]]:
-    """The corridor and a tour; a small one to see that all of it runs."""
+def corridor(small: bool) -> tuple[sim.World, Float64[np.ndarray, "W 2"]]:
+    """Return the corridor and a tour; a small corridor serves as a smoke test."""
     if not small:
-        return corridor_loop()
-    return build_corridor("small", Corridor(length=10.0, depth=8.0, width=1.8), np.random.default_rng(0))
+        return sim.corridor_loop()
+    plan = sim.Corridor(length=10.0, depth=8.0, width=1.8)
+    return sim.build_corridor("small", plan, np.random.default_rng(0))
 
 
 def prepared_trial(
     settings: Any, seed: int, duration: float | None = None
-) -> tuple[World, np.ndarray, Prepared]:
-    """The world, the true poses at the processed scans `[T, 3]`, and the filter with its inputs.
-
-    Every trial has another lidar, another drive and other noise.
-    """
+) -> tuple[RBPF, PreparedScans, sim.Truth]:
+    """Return the filter, the scans and the truth of a trial, which has its own lidar, drive and noise."""
     quality = Quality(settings["bias"], settings["noise"])
-    world, tour = corridor(settings["small"])
+    log, truth = _drive(
+        corridor(settings["small"]), device(quality, seed), seed, duration or settings["duration"]
+    )
     corrected = network(quality, seed) if settings["network"] else None
-    lasts, method = duration or settings["duration"], mapping(settings["particles"])
-    return _prepared(world, tour, device(quality, seed), seed, lasts, method, corrected)
+    slam, scans = prepare(log, mapping(settings["particles"]).configuration(), range_network=corrected)
+    return on_world_grid(slam, truth.world, MARGIN), scans, truth
 
 
 def mapping(particles: int) -> Method:
-    """The paper's filter, gmapping's, with so many particles."""
+    """Return the filter of Jamaludin et al., which is gmapping's, with this number of particles."""
     return Method("", "gmapping", particles, lidar="lds-01")
 
 
-def _prepared(
-    world: World,
-    tour: Float64[np.ndarray, "W 2"],
-    lidar: Lidar,
-    seed: int,
-    duration: float,
-    method: Method,
-    corrected: RangeNetwork | None = None,
-    *,
-    poses_known: bool = False,
-) -> tuple[World, np.ndarray, Prepared]:
+def _drive(
+    place: tuple[sim.World, Float64[np.ndarray, "W 2"]], lidar: sim.Lidar, seed: int, duration: float
+) -> tuple[SensorLog, sim.Truth]:
     key = jax.random.fold_in(jax.random.key(seed), 2**32 - 2)
-    simulation = simulate(key, world, tour, robot=TURTLEBOT, wheels=WHEELS, lidar=lidar, duration=duration)
-    log = to_log(simulation, world.name, in_world_frame=True)
-    true_poses = np.asarray(simulation.scan_poses, np.float64)
-    if poses_known:
-        assert log.scans is not None
-        truth = OdometryTrack(log.scans.stamps, true_poses, np.full_like(true_poses, np.nan), "truth")
-        log = dataclasses.replace(log, odometry=truth)
-    prepared = on_the_worlds_grid(prepare(log, method.configuration(), corrected), world, MARGIN)
-    return world, true_poses[prepared.inputs.scan_index], prepared
+    return sim.drive(place, key=key, robot=TURTLEBOT, wheels=WHEELS, lidar=lidar, duration=duration)
 
 
 def small_loops(tour: Float64[np.ndarray, "W 2"]) -> Float64[np.ndarray, "_ 2"]:
-    """A tour as `SMALL_LOOP` metres forth, `BACK` metres back, and so on until it is round."""
+    """Split a tour: `SMALL_LOOP` meters forward, `BACK` meters back, and so on until it is closed."""
     closed = np.vstack([tour, tour[:1]])
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
     stops = [0.0]
@@ -116,12 +87,13 @@ def small_loops(tour: Float64[np.ndarray, "W 2"]) -> Float64[np.ndarray, "_ 2"]:
 
 
 def _run_trial(settings: Any, seed: int) -> Arrays:
-    world, truth, prepared = prepared_trial(settings, seed)
+    slam, scans, driven = prepared_trial(settings, seed)
+    truth = driven.poses[scans.scan_index]
     before = _cpu_seconds()
-    # Without the network a robot may be as far off as that: its loop is open.
-    result = run_log(prepared.slam, jax.random.key(seed), prepared.inputs, may_leave_map=True)
+    # A filter without the network may drift to the edge of its map; its loop then counts as open.
+    result = run_log(slam, scans, jax.random.key(seed), may_leave_map=True)
     cpu = _cpu_seconds() - before
-    mapped, walls = _binary(result), true_map(world, result.grid, truth[0, :2])
+    mapped, walls = _binary(result), true_map(driven.world, result.grid, truth[0, :2])
     closure = loop_closed(truth, result.trajectory, walls, mapped)
     position, _ = pose_errors(truth, result.trajectory)
     occupied = np.argwhere(mapped.occupied)
@@ -136,7 +108,7 @@ def _run_trial(settings: Any, seed: int) -> Arrays:
         "cpu_seconds": np.asarray(cpu),
         "map_megabytes": np.asarray(settings["particles"] * result.log_odds.size / 1e6),
         "peak_megabytes": np.asarray(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3),
-        **of_the_first_seed(result, truth, result.stamps - result.stamps[0]),
+        **of_first_seed(result, truth, result.stamps - result.stamps[0]),
     }
 
 
@@ -150,14 +122,14 @@ def _binary(result: RunResult) -> BinaryMap:
 
 
 def binary_map(log_odds: Int8[np.ndarray, "H W"], resolution: float, origin: np.ndarray) -> BinaryMap:
-    """Occupied and free cells of a filter's map."""
+    """Return the occupied and the free cells of a filter's map."""
     return BinaryMap.from_probability(
         occupancy_probability(log_odds), resolution, np.asarray(origin, np.float64)
     )
 
 
 def inliers(cell: Arrays, reference: Arrays) -> Int[np.ndarray, "S"]:
-    """How many features of each trial's map are found again in the one map of another cell."""
+    """Count the features of each trial's map that match the single map of another cell."""
     resolution, origin = float(reference["one_resolution"]), reference["one_origin"]
     wanted = binary_map(reference["one_map"], resolution, origin)
     maps = (binary_map(log_odds, resolution, origin) for log_odds in cell["maps"])
@@ -165,23 +137,25 @@ def inliers(cell: Arrays, reference: Arrays) -> Int[np.ndarray, "S"]:
 
 
 def _reference(settings: Any) -> Arrays:
-    """A ground-truth map, the paper's way from many particles on small loops, or from known poses.
+    """Build a ground-truth map from many particles on small loops (as in the paper), or from known poses.
 
-    Both by a lidar without bias: what the maps are measured by must not have the habits of one that is.
+    The lidar has no bias in both cases, so that the reference does not favor biased maps.
     """
     world, tour = corridor(settings["small"])
-    lidar = lds_01()
-    if settings["which"] == "built":
-        tour, method = small_loops(tour), mapping(settings["particles"])
-    else:
-        # One particle that goes where it is told.
+    from_known_poses = settings["which"] == "known"
+    place = (world, tour if from_known_poses else small_loops(tour))
+    log, driven = _drive(place, sim.lds_01(), 1000, settings["duration"])
+    method = mapping(settings["particles"])
+    if from_known_poses:
+        # One particle follows the true poses, which take the place of the odometry.
+        unknown = np.full_like(driven.poses, np.nan)
+        log = dataclasses.replace(log, odometry=OdometryTrack(driven.stamps, driven.poses, unknown, "truth"))
         method = Method("", "rbpf", 1, dict.fromkeys(ODOMETRY_NOISE, 1e-9), lidar="lds-01")
-    _, truth, prepared = _prepared(
-        world, tour, lidar, 1000, settings["duration"], method, poses_known=settings["which"] == "known"
-    )
-    result = run_log(prepared.slam, jax.random.key(1000), prepared.inputs)
+    slam, scans = prepare(log, method.configuration())
+    result = run_log(on_world_grid(slam, world, MARGIN), scans, jax.random.key(1000))
+    truth = driven.poses[scans.scan_index]
     position, _ = pose_errors(truth, result.trajectory)
     return {
         "rmse": np.sqrt(np.mean(position**2)),
-        **of_the_first_seed(result, truth, result.stamps - result.stamps[0]),
+        **of_first_seed(result, truth, result.stamps - result.stamps[0]),
     }

@@ -4,20 +4,20 @@ import time
 
 import numpy as np
 
-from experiments.harness import Arrays, Cell, stack_seeds
+from experiments._harness.harness import Arrays, Cell, stack_seeds
 from experiments.range_network.devices import Quality, calibration, device, learnt
 from jaxslam.report.training_folder import distance_errors, role_errors
 
 
 def run_cell(cell: Cell) -> Arrays:
-    """All lidars of a cell."""
+    """Train the networks of all lidars of a cell."""
     settings = cell.settings
     quality = Quality(settings["bias"], settings["noise"])
     return stack_seeds([_train(quality, unit, settings["method"]) for unit in range(settings["seeds"])])
 
 
 def _train(quality: Quality, unit: int, method) -> Arrays:
-    # What the second of two takes is training; the first compiles.
+    # The first call compiles; the second one is timed.
     learnt(quality, unit, method, restarts=1)
     begun = time.perf_counter()
     found = learnt(quality, unit, method, restarts=1)

@@ -1,1 +1,1 @@
-"""The first paper's experiment: the improved filter with 15 particles against others with more."""
+"""Liang et al.: the improved filter with 15 particles against other filters with more particles."""

@@ -1,32 +1,25 @@
-"""`python -m experiments.tobacco_line [--smoke]`: runs everything, writes table and figures."""
+"""`python -m experiments.tobacco_line [--smoke]`: run all cells, write the table and the figures."""
 
 from collections.abc import Sequence
 
-from experiments.accuracy import ACCURACY_HEADER, accuracy_columns
-from experiments.harness import (
-    Arrays,
-    Cell,
-    compute,
-    markdown_table,
-    parse_options,
-    write_results,
-)
-from experiments.method import Method
-from experiments.timing import milliseconds_per_scan
+from experiments._harness.accuracy import ACCURACY_HEADER, accuracy_columns
+from experiments._harness.harness import Arrays, Cell, compute, markdown_table, parse_options, write_results
+from experiments._harness.method import Method
+from experiments._harness.timing import milliseconds_per_scan
 from experiments.tobacco_line.figures import DRAWN, draw_clouds, draw_errors, draw_halls
 from experiments.tobacco_line.methods import ABLATION, COMPARED, EQUAL, evaluations
-from experiments.tobacco_line.runs import METHODS, drive, run_cell
+from experiments.tobacco_line.runs import METHODS, prepared, run_cell
 from jaxslam.config.dotted import flatten
 
 QUESTION = "Do 15 particles of the improved filter do what 30 of the traditional one do?"
 WORLDS = ("hall_small", "hall_large")
 DURATION, SMOKE_DURATION = 200.0, 6.0
 TIMED_FOR = 40.0
-"""Seconds of the drive that the methods are timed on."""
+"""Length of the drive on which the methods are timed, seconds."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Runs the experiment."""
+    """Run the experiment."""
     options = parse_options("tobacco_line", QUESTION, seeds=10, arguments=arguments)
     worlds = WORLDS[:1] if options.smoke else WORLDS
     names = list(DRAWN) if options.smoke else list(METHODS)
@@ -34,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     cells = [_cell(world, name, duration, options.seeds) for world in worlds for name in names]
     results = compute(cells, run_cell, options)
     timed_for = min(duration, TIMED_FOR)
-    times = milliseconds_per_scan(names, lambda name: drive(WORLDS[0], 0, timed_for, name)[1], options)
+    times = milliseconds_per_scan(names, lambda name: prepared(WORLDS[0], 0, timed_for, name)[:2], options)
     for world in worlds:
         draw_halls(options.out / f"{world}-maps.png", world, results)
         draw_errors(options.out / f"{world}-errors.png", world, results)
@@ -57,7 +50,7 @@ def _cell(world: str, name: str, duration: float, seeds: int) -> Cell:
 
 
 def _tables(world: str, names: list[str], results: dict[str, Arrays], times: dict[str, float]) -> list[str]:
-    """The comparison, the ablation, and the one at equal evaluations."""
+    """Return the comparison, the ablation, and the comparison at equal evaluations."""
     groups = {
         "Methods": COMPARED,
         "One piece changed": {"improved-15": COMPARED["improved-15"], **ABLATION},

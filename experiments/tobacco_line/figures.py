@@ -1,4 +1,4 @@
-"""The paper's figures 4 to 7, drawn from the results."""
+"""The figures 4 to 7 of Liang et al., drawn from the results."""
 
 from pathlib import Path
 
@@ -6,26 +6,26 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from experiments.harness import Arrays
-from experiments.maps import draw_maps
+from experiments._harness.harness import Arrays
+from experiments._harness.maps import draw_maps
 from experiments.tobacco_line.methods import COMPARED
 from jaxslam.viz import plot_errors, plot_particles
 
 TRADITIONAL, IMPROVED = "traditional-30", "improved-15"
 DRAWN = {"traditional-30": "tab:red", "gmapping-30": "tab:orange", "improved-15": "tab:blue"}
-"""The methods in the figures, with their colours."""
+"""The methods in the figures, with their colors."""
 _CLOUD_SIDE = 0.6
-"""Least side of a cloud's picture, metres."""
+"""Smallest side of the picture of a particle cloud, meters."""
 
 
 def draw_halls(path: Path, world: str, results: dict[str, Arrays]) -> None:
-    """Figures 4 and 6: the map of a hall by the traditional filter and by the improved one."""
+    """Draw the map of a hall by the traditional and by the improved filter (figures 4 and 5)."""
     shown = [(COMPARED[name], results[f"{world}-{name}"]) for name in (TRADITIONAL, IMPROVED)]
     draw_maps(path, shown, (1, 2), (11, 5.4))
 
 
 def draw_errors(path: Path, world: str, results: dict[str, Arrays]) -> None:
-    """Figures 5 and 7: pose error over time, mean over seeds, and from the best of them to the worst."""
+    """Draw the pose error over time: mean over seeds, and the range from the best to the worst (figure 6)."""
     figure = Figure(figsize=(11, 4.2), layout="constrained")
     FigureCanvasAgg(figure)
     position, heading = figure.subplots(1, 2)
@@ -35,7 +35,7 @@ def draw_errors(path: Path, world: str, results: dict[str, Arrays]) -> None:
         times, near, turned = cell["one_times"], cell["position"], cell["heading"]
         plot_errors(times, near, _edges(near), position, label=label, color=color)
         plot_errors(times, turned, _edges(turned), heading, quantity="heading", color=color)
-    # From millimetres to half a metre: on a linear axis the best would be a line at zero.
+    # Errors range from millimeters to half a meter: on a linear axis the best curve would lie at zero.
     position.set(yscale="log", ylim=(1e-3, None))
     heading.set(yscale="log", ylim=(1e-3, None))
     _save(figure, path)
@@ -46,7 +46,7 @@ def _edges(over_seeds: np.ndarray) -> np.ndarray:
 
 
 def draw_clouds(path: Path, world: str, results: dict[str, Arrays]) -> None:
-    """Figures 5 and 7, second part: the particles after filtering, around the true pose, seed 0."""
+    """Draw the particles of seed 0 after filtering, relative to the true position (figure 7)."""
     names = list(DRAWN)
     count = len(results[f"{world}-{names[0]}"]["one_clouds"])
     figure = Figure(figsize=(3.4 * count, 3.4 * len(names)), layout="constrained")

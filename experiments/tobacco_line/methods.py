@@ -1,6 +1,6 @@
-"""The methods compared, as configurations."""
+"""The methods of the comparison, as configurations."""
 
-from experiments.method import Method
+from experiments._harness.method import Method
 from jaxslam.proposal import FruitFlyProposal, MatchedProposal, MotionProposal
 
 _ONE_SWARM = {"proposal.swarm": "particles"}
@@ -19,7 +19,7 @@ COMPARED = {
     "gmapping-30": Method("scan matching as gmapping", "gmapping", 30, {}),
     "improved-15": Method("improved", "fruit-fly", 15, {}),
 }
-"""The paper's comparison."""
+"""The comparison of Liang et al."""
 
 ABLATION = {
     "no-ekf": Method("without EKF: wheels alone", "fruit-fly", 15, {"fusion.use": "off"}),
@@ -42,18 +42,18 @@ ABLATION = {
     "traditional-30-ekf": Method("traditional RBPF with EKF", "rbpf", 30, {"fusion.use": "on"}),
     "gmapping-15-ekf": Method("gmapping with EKF", "gmapping", 15, {"fusion.use": "on"}),
 }
-"""The improved filter with one piece changed, and the others with its odometry."""
+"""The improved filter with one part changed, and the other filters with its fused odometry."""
 
 EQUAL = {
     "equal-traditional": Method("traditional RBPF", "rbpf", 510, {}),
     "equal-gmapping": Method("scan matching as gmapping", "gmapping", 14, {}),
     "equal-improved": Method("improved, the particles as one swarm", "fruit-fly", 6, _ONE_SWARM),
 }
-"""About 510 evaluations per scan each."""
+"""Methods that need about 510 evaluations per scan each."""
 
 
 def evaluations(method: Method) -> int:
-    """How often a step lays a scan on a map, over all particles; the search of a lost particle apart."""
+    """Count how often a step evaluates a scan on a map, over all particles, without searches of lost ones."""
     proposal = method.configuration().proposal
     if isinstance(proposal, MotionProposal):
         each = 1
@@ -70,5 +70,5 @@ def evaluations(method: Method) -> int:
         if proposal.weight == "density":
             each += proposal.around.num_poses + 1
     else:
-        raise TypeError(f"{type(proposal).__name__}: say here how often it looks at a map")
+        raise TypeError(f"{type(proposal).__name__}: its evaluations per step are unknown: add them here")
     return each * method.particles

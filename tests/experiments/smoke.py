@@ -1,4 +1,4 @@
-"""Runs an experiment as a user does."""
+"""Run an experiment as a user does."""
 
 import subprocess
 import sys
@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def run_smoke(name: str, out: Path) -> None:
-    """`python -m experiments.NAME --smoke`: its cells run in processes of their own."""
+    """Run `python -m experiments.NAME --smoke`, whose cells run in separate processes."""
     command = [sys.executable, "-m", f"experiments.{name}", "--smoke", "--out", str(out)]
     done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-4000:]

@@ -1,13 +1,13 @@
-"""The second paper's experiment, on a drive of a few metres, and its measures by hand."""
+"""The coal-mine experiment on a drive of a few meters, and its measures by hand."""
 
 import json
 
 import numpy as np
 
-from experiments.coal_mine.localising import choose_rows
+from experiments._harness.measures import ancestors_left, mean_pose
+from experiments.coal_mine.localization import choose_rows
 from experiments.coal_mine.mapping import length_error
 from experiments.coal_mine.methods import DRAWN, MAPPED
-from experiments.measures import ancestors_left, mean_pose
 from tests.experiments.smoke import run_smoke
 
 

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from experiments.harness import Cell, Options, compute, markdown_table, parse_options, spread_over_seeds
+from experiments._harness.harness import (
+    Cell,
+    Options,
+    compute,
+    markdown_table,
+    parse_options,
+    spread_over_seeds,
+)
 
 
 def square(cell):

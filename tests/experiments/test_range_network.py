@@ -1,4 +1,4 @@
-"""The third paper's experiment, in a small corridor, and its measures by hand."""
+"""The range-network experiment in a small corridor, and its measures by hand."""
 
 import json
 

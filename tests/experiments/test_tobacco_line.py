@@ -1,4 +1,4 @@
-"""The first paper's experiment, on a drive of a few seconds."""
+"""The tobacco-line experiment on a drive of a few seconds."""
 
 import json
 

@@ -11,17 +11,17 @@ from nbclient import NotebookClient
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
 ALL = sorted(NOTEBOOKS.glob("*.ipynb"))
 SECONDS_PER_CELL = 300
-"""Of a machine that runs many tests at once; alone, a whole notebook takes less than 60."""
+"""For a machine that runs many tests at once; alone, a whole notebook takes less than 60."""
 every_notebook = pytest.mark.parametrize("path", ALL, ids=lambda path: path.stem)
 
 
 def execute(path: Path, folder: Path, **environment: str) -> nbformat.NotebookNode:
-    """A copy of a notebook with its outputs, from a fresh kernel; raises the error of the cell that fails.
+    """Return an executed copy of a notebook from a fresh kernel; raise the error of a cell that fails.
 
     Args:
-        path: of the notebook.
-        folder: for what IPython keeps, which should be that of nobody else.
-        environment: variables besides those of this process.
+        path: file of the notebook.
+        folder: folder for the files of IPython, used by this kernel only.
+        environment: environment variables in addition to the variables of this process.
     """
     notebook = nbformat.read(path, as_version=4)
     client = NotebookClient(
@@ -30,20 +30,19 @@ def execute(path: Path, folder: Path, **environment: str) -> nbformat.NotebookNo
         kernel_name="python3",
         resources={"metadata": {"path": str(NOTEBOOKS)}},
     )
-    # The backend is that of notebooks, whatever this process draws with.
+    # The kernel uses the backend of notebooks, not the backend of this process.
     inherited = {name: value for name, value in os.environ.items() if name != "MPLBACKEND"}
     client.execute(env={**inherited, "JAXSLAM_SMALL": "1", "IPYTHONDIR": str(folder), **environment})
     return notebook
 
 
 def printed(notebook: nbformat.NotebookNode, stream: str) -> str:
-    """All that went to "stdout" or "stderr"."""
+    """Return everything that the notebook wrote to "stdout" or "stderr"."""
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     return "".join(o.text for o in outputs if o.output_type == "stream" and o.name == stream)
 
 
 def test_there_are_notebooks():
-    """What the others go over."""
     numbers = [path.name[:2] for path in ALL]
     assert len(numbers) > 5
     assert len(set(numbers)) == len(numbers)
@@ -52,7 +51,7 @@ def test_there_are_notebooks():
 @every_notebook
 def test_it_runs_and_does_not_warn(path, tmp_path):
     notebook = execute(path, tmp_path)
-    # Warnings of the code in a kernel, those of plots among them, go there.
+    # A kernel writes all warnings there, also the warnings of plots.
     assert printed(notebook, "stderr") == ""
     pictures = [
         o for cell in notebook.cells for o in cell.get("outputs", []) if "image/png" in o.get("data", {})
@@ -60,7 +59,7 @@ def test_it_runs_and_does_not_warn(path, tmp_path):
     assert pictures
 
 
-def test_without_the_real_log_it_is_said_what_to_put_where(tmp_path):
+def test_without_the_real_log_the_notebook_says_where_to_put_it(tmp_path):
     notebook = execute(NOTEBOOKS / "02_real_log.ipynb", tmp_path, JAXSLAM_DATA=str(tmp_path / "nothing"))
     said = printed(notebook, "stdout")
     assert f"put intel.clf.gz and intel.relations into {tmp_path / 'nothing' / 'carmen'}" in said

@@ -1,4 +1,4 @@
-"""What a notebook shows of a value at the end of a cell: one line, not pages of arrays."""
+"""How a notebook shows the value at the end of a cell: one line, a picture, not pages of arrays."""
 
 import dataclasses
 from pathlib import Path
@@ -9,13 +9,15 @@ import pytest
 
 from jaxslam.config.slam import SlamConfig
 from jaxslam.config.thinning import Thinning
+from jaxslam.core.flags import Flag
 from jaxslam.fusion import FusedMotion
+from jaxslam.grid import KnownMap
+from jaxslam.io import OccupancyMap
 from jaxslam.io.log import FixTrack, ImuTrack, JointTrack, OdometryTrack, ScanTrack, SensorLog
 from jaxslam.localization import AMCLInfo, Cluster
-from jaxslam.pipeline.build import build
+from jaxslam.pipeline.build import build_slam
 from jaxslam.pipeline.inputs import pair_scans
 from jaxslam.pipeline.localize import Cloud, LocalizationResult
-from jaxslam.pipeline.prepare import Prepared
 from jaxslam.pipeline.run import RunResult, Snapshot
 from jaxslam.slam import StepInfo
 
@@ -39,6 +41,8 @@ SCANS = ScanTrack(
     "FLASER",
 )
 LOG = SensorLog(Path("logs/a.log"), odometry=ODOMETRY, scans=SCANS)
+# Steps of 1.08 cm: every fourth scan is processed.
+SCANS_100 = pair_scans(LOG, Thinning(min_translation=0.04))
 
 
 @pytest.mark.parametrize(
@@ -63,13 +67,13 @@ def test_a_log_and_its_tracks_are_counted(value, shown):
     assert repr(value) == shown
 
 
-def test_prepared_inputs_say_how_many_scans_are_left_and_how_far_the_robot_went():
-    inputs = pair_scans(LOG, Thinning(min_translation=0.1))
+def test_prepared_scans_count_scans_and_measure_the_odometry():
+    scans = pair_scans(LOG, Thinning(min_translation=0.1))
     # Steps of 1.08 cm: every tenth is the first over 10 cm.
-    assert repr(inputs) == "PreparedScans(40 of 400 scans of 36 beams, odometry within 5.0 × 2.0 m)"
+    assert repr(scans) == "PreparedScans(40 of 400 scans of 36 beams, odometry within 5.0 × 2.0 m)"
 
 
-def test_what_is_watched_says_where_it_is():
+def test_clouds_and_snapshots_count_particles_and_scans():
     cloud = Cloud(POSES[:3], POSES[:20], np.full(20, 0.05), 101.0)
     assert repr(cloud) == "Cloud(20 particles after 3 scans)"
     snapshot = Snapshot(np.zeros((4, 4), np.int8), POSES[:6], POSES[:2])
@@ -80,18 +84,18 @@ def test_what_is_watched_says_where_it_is():
     ("agreed", "shown", "warned"),
     [
         (slice(0, 0), "not converged", ", 1 warnings"),
-        (slice(6, 100), "converged after 3 s", ""),
-        (slice(6, 50), "converged after 3 s, lost at the end", ", 1 warnings"),
+        (slice(6, 100), "converged after 12 s", ""),
+        (slice(6, 50), "converged after 12 s, lost at the end", ", 1 warnings"),
     ],
 )
-def test_a_localisation_tells_whether_it_found_the_robot(agreed, shown, warned):
+def test_a_localization_says_whether_it_converged(agreed, shown, warned):
     converged = np.zeros(100, bool)
     converged[agreed] = True
     none = jnp.zeros(100, bool)
     counts, numbers = jnp.zeros(100, jnp.int32), jnp.zeros(100)
     infos = AMCLInfo(
         estimate=Cluster(jnp.zeros((100, 3)), jnp.zeros((100, 3, 3)), numbers),
-        num_live=counts,
+        num_particles=counts,
         num_random=counts,
         ess=numbers,
         resampled=none,
@@ -100,12 +104,15 @@ def test_a_localisation_tells_whether_it_found_the_robot(agreed, shown, warned):
         match_score=numbers,
         flags=counts,
     )
+    free = np.ones((60, 120), bool)
+    free[0] = False
     result = LocalizationResult(
-        stamps=STAMPS[:100],
+        scans=SCANS_100,
+        map=KnownMap.from_map(OccupancyMap(~free, free, 0.1, np.zeros(3))),
+        scored_beams=36,
         estimates=POSES[:100],
         covariances=np.zeros((100, 3, 3)),
-        all_stamps=STAMPS,
-        all_poses=POSES,
+        all_poses=POSES[:400],
         particles=POSES[:20],
         weights=np.full(20, 0.05),
         infos=infos,
@@ -113,47 +120,54 @@ def test_a_localisation_tells_whether_it_found_the_robot(agreed, shown, warned):
         compile_s=1.0,
         run_s=0.25,
     )
-    told = f"100 scans, {shown}, 20 particles at the end, 2.5 ms per scan{warned}"
-    assert repr(result) == f"LocalizationResult({told})"
+    expected = f"100 scans, {shown}, 20 particles at the end, 2.5 ms per scan{warned}"
+    assert repr(result) == f"LocalizationResult({expected})"
+    assert_shows_itself(result, "100 processed of 400", "20 at the end")
 
 
-def test_what_is_prepared_tells_particles_maps_and_inputs():
-    inputs = pair_scans(LOG, Thinning())
-    slam = build(SlamConfig(num_particles=7), inputs.odometry_bounds)
-    maps = f"maps of {slam.grid.width} × {slam.grid.height} cells of 0.05 m"
-    assert repr(Prepared(slam, inputs)) == f"Prepared(7 particles, {maps}, {inputs!r})"
+def test_scans_with_fused_odometry_say_so():
     fused = FusedMotion(
         STAMPS[:2], POSES[:2], MATRIX[:2], MATRIX[:2], np.zeros((2, 3, 3)), {"odometry": 3, "imu": 9}, {}
     )
-    shown = f"Prepared(7 particles, {maps}, {inputs!r}, fused with 9 IMU readings)"
-    assert repr(Prepared(slam, inputs, fused=fused)) == shown
+    scans = pair_scans(LOG, Thinning())
+    plain = repr(scans)
+    assert repr(dataclasses.replace(scans, fused=fused)) == f"{plain[:-1]}, fused with 9 IMU readings)"
 
 
-def test_a_result_tells_scans_particles_map_and_speed():
-    slam = build(SlamConfig(num_particles=3), np.array([[0.0, 0.0], [4.0, 2.0]]))
+def test_a_result_says_scans_particles_map_and_speed():
+    config = SlamConfig(num_particles=3).with_lidar("sick")
+    slam = build_slam(config, np.array([[0.0, 0.0], [4.0, 2.0]]))
     infos = StepInfo(
-        poses=jnp.zeros((500, 3, 3)),
-        log_weights=jnp.zeros((500, 3)),
-        ancestors=jnp.zeros((500, 3), jnp.int32),
-        ess=jnp.zeros(500),
-        resampled=jnp.zeros(500, bool),
-        flags=jnp.zeros(500, jnp.int32),
+        poses=jnp.zeros((100, 3, 3)),
+        log_weights=jnp.zeros((100, 3)),
+        ancestors=jnp.zeros((100, 3), jnp.int32),
+        ess=jnp.zeros(100),
+        resampled=jnp.zeros(100, bool),
+        flags=jnp.zeros(100, jnp.int32),
     )
     result = RunResult(
-        stamps=STAMPS,
-        trajectory=POSES,
-        all_stamps=STAMPS,
-        all_poses=POSES,
-        log_odds=np.zeros((20, 30), np.int8),
+        scans=SCANS_100,
+        trajectory=POSES[:100],
+        all_poses=POSES[:400],
+        log_odds=np.ones((20, 30), np.int8),
         grid=slam.grid,
         particles=MATRIX[:3],
         log_weights=np.zeros(3, np.float32),
         infos=infos,
         compile_s=1.0,
-        run_s=2.25,
-        ms_per_scan=4.5,
-        warnings=(),
+        run_s=0.45,
     )
-    shown = "500 scans, 3 particles, map 30 × 20 cells of 0.05 m, 4.5 ms per scan"
+    shown = "100 scans, 3 particles, map 30 × 20 cells of 0.05 m, 4.5 ms per scan"
     assert repr(result) == f"RunResult({shown})"
-    assert repr(dataclasses.replace(result, warnings=("one",))) == f"RunResult({shown}, 1 warnings)"
+    assert_shows_itself(result, "100 processed of 400", "1.5 × 1.0 m")
+    infos = dataclasses.replace(infos, flags=jnp.full(100, Flag.FEW_VALID_BEAMS.value, jnp.int32))
+    assert repr(dataclasses.replace(result, infos=infos)) == f"RunResult({shown}, 1 warnings)"
+
+
+def assert_shows_itself(result, *figures):
+    """Assert that a result has a picture, and HTML with the picture and these figures."""
+    assert result._repr_png_().startswith(b"\x89PNG")
+    shown = result._repr_html_()
+    assert "data:image/png;base64," in shown
+    for figure in figures:
+        assert figure in shown

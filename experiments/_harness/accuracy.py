@@ -1,14 +1,14 @@
-"""The columns that the tables of all experiments begin with."""
+"""The first columns of the tables of all experiments."""
 
-from experiments.harness import Arrays, spread_over_seeds
-from experiments.method import Method
+from experiments._harness.harness import Arrays, spread_over_seeds
+from experiments._harness.method import Method
 
 ACCURACY_HEADER = ("method", "particles", "position RMSE, m", "heading RMSE, °", "IoU of walls (worst)")
 _DEGREES = 57.29578
 
 
 def accuracy_columns(method: Method, cell: Arrays) -> list[str]:
-    """Who it is and how accurate, over seeds."""
+    """Return the name of the method, its number of particles and its accuracy over seeds."""
     iou = cell["iou"]
     return [
         method.title,

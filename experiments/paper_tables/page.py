@@ -1,35 +1,36 @@
-"""The page that has what the three papers show beside what came out here."""
+"""The page that compares the results of the experiments with the papers."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from experiments.catalogue import EXPERIMENTS, FOLDER, Experiment
-from experiments.papers import PAPERS, Item, Paper
-from experiments.results import Results, Table, read_results
+from experiments._harness.results import Results, Table, read_results
+from experiments.paper_tables.catalogue import EXPERIMENTS, FOLDER, Experiment
+from experiments.paper_tables.papers import PAPERS, Item, Paper
 
 PAGE = "PAPERS.md"
-_HEAD = f"""# The three papers, table by table and figure by figure
+_HEAD = f"""# Results beside the papers
 
-What a paper shows and its numbers, beside the files here that show the same and our numbers. Numbers over
-seeds are mean ± standard deviation (worst). `python -m experiments page` makes this page from the results;
-edit `experiments/papers.py` and not `{PAGE}`.
+Each table compares the figures, tables and numbers of a paper with the results of this project. Numbers over
+seeds are mean ± standard deviation (worst). Full references: [bibliography](../docs/bibliography.md).
+`python -m experiments page` generates this page from the results: edit `experiments/paper_tables/papers.py`
+and not `{PAGE}`.
 
-It has everything that our notes on the papers name. Figures and tables before those (tobacco 1 to 3, mine 1
-to 6, ann 1 to 7 and table I) are not in the notes: they are taken for drawings of methods and robots, no
-results.
+The page omits figures 1 to 3 of Liang et al., figures 1 to 6 of Yang et al. 2019, and figures 1 to 7 and
+table I of Jamaludin et al., which show methods and robots instead of results. Figure 19 of Jamaludin et al.
+plots the inliers of table II. Their figures 20 and 21, two maps with 42 and 77 inliers, have no counterpart.
 """
 
 
 @dataclass(frozen=True)
 class _Found:
-    """An experiment with what it left, for one paper.
+    """The results of the experiment of one paper.
 
     Attributes:
-        experiment: which.
-        root: the folder that has the experiments' folders, and the page.
-        results: as read.
-        tables: of the results, by title.
+        experiment: the experiment.
+        root: the folder with the page and with the folders of the experiments.
+        results: the results as read.
+        tables: the tables of the results, by title.
     """
 
     experiment: Experiment
@@ -45,41 +46,41 @@ class _Found:
         return self.experiment.results(self.root) / name
 
     def link(self, name: str) -> str:
-        """A link to a file of the results from the page, or that it is not there."""
+        """Return a link from the page to a file of the results, or a note that the file does not exist."""
         if not self.path(name).exists():
-            return f"`{name}`: not there yet"
+            return f"`{name}`: not available yet"
         return f"[{name}]({self.path(name).relative_to(self.root).as_posix()})"
 
 
 def write_page(root: Path = FOLDER) -> list[str]:
-    """Writes the page; returns what is missing on it, a line each.
+    """Write the page; return one line for each result that is missing.
 
     Raises:
-        ValueError: a results file cannot be understood.
-        OSError: a file cannot be read, or the page not be written.
+        ValueError: a file of the results is invalid.
+        OSError: a file cannot be read, or the page cannot be written.
     """
     text = render(root)
     (root / PAGE).write_text(text, encoding="utf-8")
-    return [line for paper in PAPERS for line in _missing(paper, _look(paper, root))]
+    return [line for paper in PAPERS for line in _missing(paper, _find(paper, root))]
 
 
 def render(root: Path = FOLDER) -> str:
-    """The page as Markdown, with links that are right in `root`.
+    """Return the page as Markdown, with links relative to `root`.
 
     Raises:
-        ValueError: a results file cannot be understood.
+        ValueError: a file of the results is invalid.
         OSError: a file cannot be read.
     """
     parts = [_HEAD]
     for paper in PAPERS:
-        found = _look(paper, root)
+        found = _find(paper, root)
         parts += [_introduction(paper, found), _comparison(paper, found)]
         if found.done:
             parts += [*_figures(paper, found), _all_tables(found)]
     return "\n".join(parts)
 
 
-def _look(paper: Paper, root: Path) -> _Found:
+def _find(paper: Paper, root: Path) -> _Found:
     experiment = EXPERIMENTS[paper.experiment]
     results = read_results(experiment.results(root))
     return _Found(experiment, root, results, results.tables)
@@ -100,13 +101,13 @@ def _introduction(paper: Paper, found: _Found) -> str:
     name = found.experiment.name
     command = found.results.origin.get("command") or found.experiment.command
     if found.done:
-        made = [found.results.made_by or "`run.json`, which says what made the results, is missing"]
+        made = [found.results.made_by or "`run.json`, the record of command and versions, is missing"]
         if found.path("cells.json").exists():
-            made.append(f"every setting of every cell in {found.link('cells.json')}")
+            made.append(f"the settings of each cell are in {found.link('cells.json')}")
         state = "; ".join(made) + "."
     else:
         state = (
-            f"**No results yet:** the whole of it has not been run to its end. The command takes about "
+            f"**No results yet:** the experiment has not been completed. The command takes about "
             f"{found.experiment.hours:g} hours."
         )
     return (
@@ -116,9 +117,9 @@ def _introduction(paper: Paper, found: _Found) -> str:
 
 
 def _comparison(paper: Paper, found: _Found) -> str:
-    rows = ["| in the paper | what it shows | ours | where |", "|---|---|---|---|"]
+    rows = ["| in the paper | content | jaxslam | files |", "|---|---|---|---|"]
     for item in paper.items:
-        ours = "<br>".join(_quotes(item, found)) if found.done else "not there yet"
+        ours = "<br>".join(_quotes(item, found)) if found.done else "not available yet"
         files = "<br>".join(found.link(file) for file in item.files)
         rows.append(f"| {item.name} | {item.shows} | {ours} | {files} |")
     return "\n".join(rows) + "\n"
@@ -129,7 +130,7 @@ def _quotes(item: Item, found: _Found) -> Iterator[str]:
         try:
             yield quote.read(found.tables)
         except KeyError as error:
-            # Results of fewer seeds or of other methods than these have no such row.
+            # Results with fewer seeds or other methods lack the row.
             yield f"no {error} in `table.md`: `{found.experiment.command}`"
 
 

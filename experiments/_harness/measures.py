@@ -1,4 +1,4 @@
-"""Measures that several experiments take of a run in a known world."""
+"""Measures of a run in a known world that several experiments use."""
 
 import dataclasses
 
@@ -6,31 +6,30 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 
+from jaxslam import RBPF, RunResult
 from jaxslam.core import se2
 from jaxslam.grid import GridSpec
 from jaxslam.metrics import BinaryMap, map_score
-from jaxslam.pipeline.prepare import Prepared
-from jaxslam.pipeline.run import RunResult
 from jaxslam.report.folder import occupancy_probability
 from jaxslam.sim import World, observable
 
 MARGIN = 17.0
-"""Of the maps around a world, metres: as far as the window that a step works on may reach ahead."""
+"""Width of the maps' border around a world, meters: the window of a step may reach so far ahead."""
 TOLERANCE = 0.1
-"""A wall within two cells of the true one counts as found, metres."""
+"""A wall counts as found within this distance of the true wall, meters: two cells."""
 
 
-def on_the_worlds_grid(prepared: Prepared, world: World, margin: float = MARGIN) -> Prepared:
-    """The same with maps that lie round the world: equal for every seed, so that all share a compilation."""
+def on_world_grid(slam: RBPF, world: World, margin: float = MARGIN) -> RBPF:
+    """Return the filter with maps that cover the world: equal for all seeds, which share one compilation."""
     lower, upper = world.bounds()
-    grid = GridSpec.covering(lower - margin, upper + margin, float(prepared.slam.grid.resolution))
-    return dataclasses.replace(prepared, slam=dataclasses.replace(prepared.slam, grid=grid))
+    grid = GridSpec.covering(lower - margin, upper + margin, float(slam.grid.resolution))
+    return dataclasses.replace(slam, grid=grid)
 
 
 def mean_pose(
     particles: Float64[np.ndarray, "T N 3"], weights: Float64[np.ndarray, "T N"]
 ) -> Float64[np.ndarray, "T 3"]:
-    """Weighted mean of the particles at every step; headings as directions."""
+    """Return the weighted mean of the particles at each step; headings are averaged as directions."""
     position = np.sum(weights[..., None] * particles[..., :2], axis=1)
     sine, cosine = (np.sum(weights * part(particles[..., 2]), axis=1) for part in (np.sin, np.cos))
     return np.concatenate([position, np.arctan2(sine, cosine)[:, None]], axis=1)
@@ -39,15 +38,15 @@ def mean_pose(
 def pose_errors(
     truth: Float64[np.ndarray, "T 3"], estimate: Float64[np.ndarray, "T 3"]
 ) -> tuple[Float64[np.ndarray, "T"], Float64[np.ndarray, "T"]]:
-    """How far an estimate is off at every step, metres, and how much it is turned, radians."""
+    """Return the error in position, meters, and the absolute error in heading, radians, at each step."""
     error = se2.relative(truth, estimate)
     return np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2])
 
 
-def of_the_first_seed(
+def of_first_seed(
     result: RunResult, truth: Float64[np.ndarray, "T 3"], times: Float64[np.ndarray, "_"]
 ) -> dict[str, np.ndarray]:
-    """What the pictures show, see `stack_seeds`: a map with its path, and the times of the curves."""
+    """Return what the figures show of the first seed, see `stack_seeds`: map, paths, times of the curves."""
     return {
         "one_times": times,
         "one_map": result.log_odds,
@@ -59,7 +58,7 @@ def of_the_first_seed(
 
 
 def true_map(world: World, grid: GridSpec, inside: Float64[np.ndarray, "2"]) -> BinaryMap:
-    """What a robot that starts `inside` (m) can see of a world, on the cells of a grid."""
+    """Return the part of a world that a robot starting at `inside` (m) can see, on the cells of a grid."""
     occupied, free = observable(world, grid, jnp.asarray(inside, jnp.float32))
     return BinaryMap(occupied, free, float(grid.resolution), np.asarray(grid.origin, np.float64))
 
@@ -67,7 +66,7 @@ def true_map(world: World, grid: GridSpec, inside: Float64[np.ndarray, "2"]) -> 
 def wall_and_free_iou(
     world: World, result: RunResult, inside: Float64[np.ndarray, "2"]
 ) -> tuple[float, float]:
-    """IoU of walls and of free space, in the world's frame: a map that is turned or shifted loses."""
+    """Return the IoU of walls and of free space in the world's frame, without alignment."""
     resolution, origin = float(result.grid.resolution), np.asarray(result.grid.origin, np.float64)
     estimate = BinaryMap.from_probability(occupancy_probability(result.log_odds), resolution, origin)
     score = map_score(true_map(world, result.grid, inside), estimate, tolerance_m=TOLERANCE)
@@ -77,12 +76,12 @@ def wall_and_free_iou(
 def ancestors_left(
     ancestors: Int[np.ndarray, "T N"], resampled: Bool[np.ndarray, "T"], back: int
 ) -> Int[np.ndarray, "T"]:
-    """How many of the particles of `back` steps ago the present ones descend from, at every step.
+    """Count the particles of `back` steps earlier that are ancestors of a particle at each step.
 
     Args:
         ancestors: `[T, N]` as in `StepInfo`.
-        resampled: `[T]` where they are not simply 0 to N − 1.
-        back: steps; at the first steps, all there are.
+        resampled: `[T]` true at the steps whose ancestors differ from 0 to N − 1.
+        back: number of steps; fewer at the start of the run.
     """
     total, count = ancestors.shape
     left = np.empty(total, int)

@@ -1,4 +1,4 @@
-"""Maps of several methods in one picture, with their paths and the truth."""
+"""Maps of several methods in one figure, with the estimated and the true paths."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,20 +6,20 @@ from pathlib import Path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from experiments.harness import Arrays
-from experiments.method import Method
+from experiments._harness.harness import Arrays
+from experiments._harness.method import Method
 from jaxslam.viz import plot_map, plot_trajectory
 
 
 def draw_maps(
     path: Path, shown: Sequence[tuple[Method, Arrays]], shape: tuple[int, int], size: tuple[float, float]
 ) -> None:
-    """The map of the first seed, method by method.
+    """Draw the map of the first seed for each method.
 
     Args:
-        path: of the picture.
+        path: file to write.
         shown: the methods with their results.
-        shape: rows and columns.
+        shape: rows and columns of the figure.
         size: width and height, inches.
     """
     figure = Figure(figsize=size, layout="constrained")

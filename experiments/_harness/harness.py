@@ -1,4 +1,4 @@
-"""What the experiments share: their flags, cells that are computed once and kept, tables."""
+"""Flags of an experiment, cells that are computed once and kept, and tables."""
 
 import argparse
 import concurrent.futures
@@ -25,11 +25,11 @@ class Options:
 
     Attributes:
         out: folder for the results.
-        seeds: how many, from 0 on.
-        workers: processes that run side by side.
-        smoke: a tiny version, to see that it runs.
-        fresh: compute again what the folder has.
-        command: that gives the same results, for the record.
+        seeds: number of seeds, which start at 0.
+        workers: number of processes that run in parallel.
+        smoke: whether to run a tiny version, as a check that the experiment runs.
+        fresh: whether to compute cells again that the folder already has.
+        command: the command that gives the same results, for the record.
     """
 
     out: Path
@@ -41,29 +41,29 @@ class Options:
 
 
 def parse_options(name: str, question: str, seeds: int, arguments: Sequence[str] | None = None) -> Options:
-    """Reads the flags; the defaults are the full experiment.
+    """Read the flags; the defaults run the full experiment.
 
     Args:
-        name: of the experiment, a package here.
-        question: that it answers, one line.
-        seeds: of the full experiment.
-        arguments: without the program's name; None takes those of the process.
+        name: name of the experiment, a package of `experiments`.
+        question: the question that the experiment answers, one line.
+        seeds: number of seeds of the full experiment.
+        arguments: the arguments without the program's name; None takes the arguments of the process.
     """
     parser = argparse.ArgumentParser(
         prog=f"python -m experiments.{name}",
         description=question,
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
-    folder = Path(__file__).parent / name / "results"
+    folder = Path(__file__).parents[1] / name / "results"
     parser.add_argument("--out", type=Path, default=folder, help="folder for tables, figures and raw results")
-    parser.add_argument("--seeds", type=int, default=seeds, help="runs of every cell, seeds 0 to SEEDS - 1")
+    parser.add_argument("--seeds", type=int, default=seeds, help="runs of each cell, seeds 0 to SEEDS - 1")
     parser.add_argument(
-        "--workers", type=int, default=2, help="processes side by side; timings come after them"
+        "--workers", type=int, default=2, help="parallel processes; timings are measured afterwards"
     )
     parser.add_argument(
-        "--smoke", action="store_true", help="seconds instead of hours: two seeds, short drives"
+        "--smoke", action="store_true", help="take minutes instead of hours: two seeds, short drives"
     )
-    parser.add_argument("--fresh", action="store_true", help="compute again what the folder has")
+    parser.add_argument("--fresh", action="store_true", help="recompute cells that the folder already has")
     given = parser.parse_args(arguments)
     if given.seeds < 1 or given.workers < 1:
         parser.error("--seeds and --workers must be 1 or more")
@@ -85,8 +85,8 @@ class Cell:
     """One piece of work, whose result is kept in a file.
 
     Attributes:
-        name: of the file.
-        settings: all that decides the result, and goes into it.
+        name: stem of the file's name.
+        settings: every setting that determines the result.
     """
 
     name: str
@@ -94,20 +94,20 @@ class Cell:
 
     @property
     def digest(self) -> str:
-        """Changes with the settings."""
+        """Hash of the settings."""
         text = json.dumps(self.settings, sort_keys=True, default=str)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def compute(cells: Sequence[Cell], work: Callable[[Cell], Arrays], options: Options) -> dict[str, Arrays]:
-    """The results of all cells by name; what the folder has already is read from there.
+    """Return the results of all cells by name, and compute only the cells that the folder lacks.
 
-    A run that was broken off goes on where it was. At the end `cells.json` has the settings of them all.
+    An interrupted run therefore resumes. At the end, `cells.json` has the settings of all cells.
 
     Args:
-        cells: with different names.
-        work: a function of a module, computes one cell in a process of its own.
-        options: where to, and how many at a time.
+        cells: cells with different names.
+        work: a module-level function that computes one cell; each call runs in a new process.
+        options: the folder, and the number of processes.
     """
     raw = options.out / "raw"
     raw.mkdir(parents=True, exist_ok=True)
@@ -119,7 +119,7 @@ def compute(cells: Sequence[Cell], work: Callable[[Cell], Arrays], options: Opti
             for future in tqdm(done, total=len(missing), unit="cell", disable=not sys.stderr.isatty()):
                 _keep(raw, running[future], future.result())
         except BaseException:
-            # Or hours of cells that nobody reads would be computed before the error is seen.
+            # Otherwise hours of other cells would pass before the error is reported.
             threads.shutdown(wait=False, cancel_futures=True)
             raise
     results = {}
@@ -132,7 +132,7 @@ def compute(cells: Sequence[Cell], work: Callable[[Cell], Arrays], options: Opti
 
 
 def write_settings(folder: Path, cells: Sequence[Cell]) -> None:
-    """Writes what every cell was made from: `cells.json`, a line each, with the digest of `raw`."""
+    """Write `cells.json`: the settings of each cell on one line, with the digest that `raw` has."""
     lines = (f"{json.dumps(cell.name)}: {json.dumps(_record(cell), default=str)}" for cell in cells)
     (folder / "cells.json").write_text("{\n" + ",\n".join(lines) + "\n}\n")
 
@@ -142,14 +142,14 @@ def _record(cell: Cell) -> dict[str, Any]:
 
 
 def _apart(work: Callable[[Cell], Arrays], cell: Cell) -> Arrays:
-    # A process of its own, which gives its memory back: some cells need gigabytes.
+    # A process that ends returns its memory to the system: some cells need gigabytes.
     context = multiprocessing.get_context("spawn")
     with concurrent.futures.ProcessPoolExecutor(1, mp_context=context) as process:
         return process.submit(work, cell).result()
 
 
 def _keep(folder: Path, cell: Cell, arrays: Arrays) -> None:
-    # The settings last: without them the arrays do not count, nor do those of before while these are written.
+    # The settings are written last: a cell without settings is computed again.
     (folder / f"{cell.name}.json").unlink(missing_ok=True)
     np.savez_compressed(folder / f"{cell.name}.npz", **arrays)  # type: ignore[arg-type]
     (folder / f"{cell.name}.json").write_text(json.dumps(_record(cell), indent=1, default=str) + "\n")
@@ -166,32 +166,32 @@ def _kept(folder: Path, cell: Cell) -> Arrays | None:
 
 
 def stack_seeds(rows: Sequence[Arrays]) -> Arrays:
-    """The arrays of several seeds, seeds first; those named `one_…` are the first seed's alone."""
+    """Stack the arrays of the seeds along a new first axis; `one_…` arrays are the first seed's alone."""
     stacked = {name: np.stack([row[name] for row in rows]) for name in rows[0] if not name.startswith("one_")}
     return stacked | {name: value for name, value in rows[0].items() if name.startswith("one_")}
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table in Markdown."""
+    """Return a table in Markdown."""
     lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
     return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows]) + "\n"
 
 
 def spread_over_seeds(values: np.ndarray, digits: int = 3, scale: float = 1.0) -> str:
-    """`mean ± std (worst)` over seeds; the largest is the worst."""
+    """Return `mean ± std (worst)` over seeds; the largest value is the worst."""
     scaled = np.asarray(values, float) * scale
     return f"{scaled.mean():.{digits}f} ± {scaled.std():.{digits}f} ({scaled.max():.{digits}f})"
 
 
 def write_results(options: Options, text: str, duration: float) -> None:
-    """Writes the tables and what made them, and prints the tables.
+    """Write the tables and their origin into the folder, and print the tables.
 
-    No date: the same results are the same bytes.
+    The files have no date, so that equal results give equal bytes.
 
     Args:
-        options: where to.
+        options: the folder and the command.
         text: the tables, Markdown.
-        duration: of a drive, seconds.
+        duration: length of a drive, seconds.
     """
     (options.out / "table.md").write_text(text, encoding="utf-8")
     origin = {

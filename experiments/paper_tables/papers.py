@@ -1,11 +1,11 @@
-"""What the three papers show, table by table and figure by figure, and what of ours stands against it.
+"""The figures and tables of the three papers, and the results of this project that compare with them.
 
-As far as the project has notes on the papers; `experiments.page` makes the page of it.
+`experiments.paper_tables.page` writes the page.
 """
 
 from dataclasses import dataclass
 
-from experiments.results import Table
+from experiments._harness.results import Table
 
 
 @dataclass(frozen=True)
@@ -13,10 +13,10 @@ class Quote:
     """Cells of one row of a table.
 
     Attributes:
-        text: with a `{}` for every cell.
-        table: title, as in `Results.tables`.
-        row: the cells that the row begins with.
-        columns: of the cells.
+        text: text with one `{}` for each cell.
+        table: title of the table, as in `Results.tables`.
+        row: the first cells of the row.
+        columns: names of the columns of the cells.
     """
 
     text: str
@@ -25,10 +25,10 @@ class Quote:
     columns: tuple[str, ...]
 
     def read(self, tables: dict[str, Table]) -> str:
-        """The text with the numbers in it.
+        """Return the text with its numbers.
 
         Raises:
-            KeyError: the results have no such table, row or column.
+            KeyError: the results lack the table, the row or the column.
         """
         row = tables[self.table].row(self.row)
         return self.text.format(*(row[column] for column in self.columns))
@@ -36,12 +36,13 @@ class Quote:
 
 @dataclass(frozen=True)
 class Gain:
-    """By how many per cent the mean of one column is over that of another.
+    """Relative difference between the means of two columns, in percent.
 
     Attributes:
-        text: with a `{}` for the per cent.
-        table: title, as in `Results.tables`.
-        over, under: the columns.
+        text: text with one `{}` for the percentage.
+        table: title of the table, as in `Results.tables`.
+        over: name of the column in the numerator.
+        under: name of the column in the denominator.
     """
 
     text: str
@@ -50,10 +51,10 @@ class Gain:
     under: str
 
     def read(self, tables: dict[str, Table]) -> str:
-        """The text with the number in it.
+        """Return the text with its number.
 
         Raises:
-            KeyError: the results have no such table or column.
+            KeyError: the results lack the table or the column.
         """
         rows = [tables[self.table].row(row[:1]) for row in tables[self.table].rows]
         over, under = (sum(float(row[column]) for row in rows) for column in (self.over, self.under))
@@ -65,10 +66,10 @@ class Item:
     """A table, a figure or a number of a paper.
 
     Attributes:
-        name: in the paper.
-        shows: what there is to see, with the paper's numbers.
-        ours: the numbers that stand against it.
-        files: of the experiment's results that show it.
+        name: its name in the paper.
+        shows: its content, with the numbers of the paper.
+        ours: the numbers of the experiment that compare with it.
+        files: the files of the results that show it.
     """
 
     name: str
@@ -82,11 +83,11 @@ class Paper:
     """A paper.
 
     Attributes:
-        name: short.
-        title: what it is about.
-        experiment: that puts its claims to the test.
-        note: on the paper's numbers.
-        items: everything that it shows.
+        name: authors and year, as in the bibliography.
+        title: its topic.
+        experiment: name of the experiment that tests its claims.
+        note: a note on its numbers.
+        items: its figures, tables and numbers.
     """
 
     name: str
@@ -100,23 +101,24 @@ _POSE = ("position RMSE, m", "heading RMSE, °")
 _CLOUD = ("particles around the truth, m", "spread, m")
 
 
-def _hall(world: str, size: str, maps: str, curves: str) -> tuple[Item, ...]:
-    """A hall's two figures: maps, and errors over time with the particles below them."""
+def _hall(world: str, size: str) -> tuple[Item, ...]:
+    """Return the items of a hall: maps, errors over time, and particles."""
     compared, equal = f"{world}: Methods", f"{world}: At an equal number of evaluations"
     methods = {
-        "15 improved": ("improved", "15"),
-        "30 traditional": ("traditional RBPF", "30"),
-        "30 of scan matching as gmapping": ("scan matching as gmapping", "30"),
+        "15 particles, improved": ("improved", "15"),
+        "30 particles, traditional": ("traditional RBPF", "30"),
+        "30 particles, scan matching as in gmapping": ("scan matching as gmapping", "30"),
     }
-    two = {name: methods[name] for name in ("15 improved", "30 traditional")}
+    two = {name: methods[name] for name in ("15 particles, improved", "30 particles, traditional")}
     equals = {
-        "6 improved, as one swarm": ("improved, the particles as one swarm", "6"),
-        "510 traditional": ("traditional RBPF", "510"),
+        "6 particles, improved, as one swarm": ("improved, the particles as one swarm", "6"),
+        "510 particles, traditional": ("traditional RBPF", "510"),
     }
     return (
         Item(
-            maps,
-            f"Maps of the hall of {size}, by 30 traditional particles and by 15 improved ones. No numbers",
+            f"Figures 4 and 5, hall of {size}",
+            "Maps by the improved filter with 15 particles (figure 4) and by the traditional filter with 30 "
+            "(figure 5). No numbers",
             tuple(
                 Quote(f"{name}: IoU of walls {{}}", compared, row, ("IoU of walls (worst)",))
                 for name, row in two.items()
@@ -124,8 +126,8 @@ def _hall(world: str, size: str, maps: str, curves: str) -> tuple[Item, ...]:
             (f"{world}-maps.png",),
         ),
         Item(
-            f"{curves}, error over time",
-            f"Error in position and heading over 200 s in the hall of {size}. Curves without numbers",
+            f"Figure 6, hall of {size}",
+            "Error in position and heading over 200 s. Curves without numbers",
             tuple(Quote(f"{name}: {{}} m, {{}}°", compared, row, _POSE) for name, row in methods.items())
             + tuple(
                 Quote(f"at 510 evaluations per scan, {name}: {{}} m, {{}}°", equal, row, _POSE)
@@ -134,10 +136,15 @@ def _hall(world: str, size: str, maps: str, curves: str) -> tuple[Item, ...]:
             (f"{world}-errors.png",),
         ),
         Item(
-            f"{curves}, particles",
-            f"Particles around the true pose after filtering, in the hall of {size}. No numbers",
+            f"Figure 7, hall of {size}",
+            "Particles around the true pose after filtering. No numbers",
             tuple(
-                Quote(f"{name}: {{}} m around the truth, {{}} m around their mean", compared, row, _CLOUD)
+                Quote(
+                    f"{name}: RMS distance to the truth {{}} m, to the mean {{}} m",
+                    compared,
+                    row,
+                    _CLOUD,
+                )
                 for name, row in methods.items()
             ),
             (f"{world}-clouds.png",),
@@ -145,14 +152,13 @@ def _hall(world: str, size: str, maps: str, curves: str) -> tuple[Item, ...]:
     )
 
 
-TOBACCO = Paper(
-    "tobacco",
-    "The improved filter: EKF fusion, ICP and fruit flies",
+LIANG = Paper(
+    "Liang et al.",
+    "an improved filter with EKF fusion, ICP and fruit-fly optimization",
     "tobacco_line",
-    "The paper says that 15 particles of the improved filter do what 30 of the traditional one do. It prints "
-    "curves and pictures without numbers: ours can be held against each other, and not against its own.",
-    _hall("hall_small", "18 × 15 m", "Figure 4", "Figure 5")
-    + _hall("hall_large", "24 × 23 m", "Figure 6", "Figure 7"),
+    "The paper states that 15 particles of the improved filter are as accurate as 30 of the traditional one. "
+    "It prints curves and maps without numbers, so the size of the differences cannot be compared.",
+    _hall("hall_small", "18 × 15 m") + _hall("hall_large", "24 × 23 m"),
 )
 
 
@@ -162,45 +168,46 @@ def _distortion(name: str, row: tuple[str, ...]) -> Quote:
 
 
 def _found(name: str, task: str, which: str) -> Quote:
-    text = f"{name}, {which} map: {{}} found; updates (median, worst) {{}}"
+    text = f"{name}, {which} map: {{}} found; updates until found (median, worst) {{}}"
     columns = ("found at the end", "updates until found: median, worst")
     return Quote(text, "Localisation", (task, which), columns)
 
 
 def _tracked(which: str) -> Quote:
     columns = ("error when tracked, m",)
-    return Quote(f"tracked, {which} map: {{}} m", "Localisation", ("tracking", which), columns)
+    return Quote(f"tracking, {which} map: {{}} m", "Localisation", ("tracking", which), columns)
 
 
-_TRADITIONAL, _OPTIMISED = "traditional FastSLAM", "optimised FastSLAM"
+# Spelled as in the stored results.
+_TRADITIONAL, _OPTIMIZED = "traditional FastSLAM", "optimised FastSLAM"
 
-MINE = Paper(
-    "mine",
-    "AMCL and the optimised FastSLAM in a coal-mine roadway",
+YANG = Paper(
+    "Yang et al. 2019",
+    "AMCL and an optimized FastSLAM in a coal-mine roadway",
     "coal_mine",
-    "The paper's claims come without numbers in our notes: that the traditional filter distorts the map of a "
-    "roadway, that the optimised one does not with fewer particles, and that AMCL localises there.",
+    "The paper makes three claims without numbers: the traditional filter distorts the map of a roadway, the "
+    "optimized filter does not, even with fewer particles, and AMCL localizes the robot there.",
     (
         Item(
             "Figures 7 and 8",
-            "The roadway mapped by traditional FastSLAM, distorted, and by the optimised one, straight",
+            "The map of the roadway: distorted by the traditional FastSLAM, straight by the optimized one",
             tuple(
                 Quote(f"{name}: IoU of walls {{}}", "Mapping", row, ("IoU of walls (worst)",))
                 for name, row in (
-                    ("30 traditional", (_TRADITIONAL, "30")),
-                    ("15 optimised", (_OPTIMISED, "15")),
+                    ("30 particles, traditional", (_TRADITIONAL, "30")),
+                    ("15 particles, optimized", (_OPTIMIZED, "15")),
                 )
             ),
             ("maps.png",),
         ),
         Item(
-            "Distortion over particle numbers",
-            "The optimised filter needs fewer particles for a map that is not distorted",
+            "Distortion over numbers of particles",
+            "The optimized filter needs fewer particles for a map without distortion",
             tuple(
-                _distortion(f"{count} {name}", (method, count))
+                _distortion(f"{count} particles, {name}", (method, count))
                 for name, method, counts in (
                     ("traditional", _TRADITIONAL, ("15", "30", "100", "300")),
-                    ("optimised", _OPTIMISED, ("5", "15", "30")),
+                    ("optimized", _OPTIMIZED, ("5", "15", "30")),
                 )
                 for count in counts
             ),
@@ -208,7 +215,7 @@ MINE = Paper(
         ),
         Item(
             "AMCL (8–15)",
-            "A robot localises itself in the known map of the roadway",
+            "A robot localizes itself in the known map of the roadway",
             (
                 _tracked("true"),
                 _tracked("built"),
@@ -230,7 +237,7 @@ TABLE_II = {
     "200": ("6/10", "48.5", "10/10", "61.6"),
     "400": ("10/10", "46.9", "10/10", "67.8"),
 }
-"""The third paper's, by particles: loops closed and inliers, without and with the network."""
+"""Table II of Jamaludin et al., by particles: loops closed and inliers, without and with the network."""
 
 
 def _loops(count: str) -> Item:
@@ -240,13 +247,13 @@ def _loops(count: str) -> Item:
         f"Without the network {without} loops closed, {inliers_without} inliers; with it {closed}, {inliers}",
         (
             Quote(
-                "without {} closed, {} inliers ({} against known poses)",
+                "without: {} closed, {} inliers ({} on the map from known poses)",
                 _LOOPS,
                 (count,),
                 ("closed without", "inliers without", "inliers of known poses without"),
             ),
             Quote(
-                "with {} closed, {} inliers ({} against known poses)",
+                "with: {} closed, {} inliers ({} on the map from known poses)",
                 _LOOPS,
                 (count,),
                 ("with", "with (2)", "with (3)"),
@@ -257,32 +264,32 @@ def _loops(count: str) -> Item:
 
 def _with_and_without(text: str, *columns: str) -> tuple[Quote, ...]:
     return tuple(
-        Quote(f"{net} it, {count} particles: {text}", _FIGURES, (net, count), columns)
+        Quote(f"{net} the network, {count} particles: {text}", _FIGURES, (net, count), columns)
         for net in ("without", "with")
         for count in TABLE_II
     )
 
 
-ANN = Paper(
-    "ann",
-    "A neural network corrects a cheap lidar",
+JAMALUDIN = Paper(
+    "Jamaludin et al.",
+    "a neural network corrects the ranges of a cheap lidar",
     "range_network",
-    "The paper drove a TurtleBot3; ours is a simulated corridor of the same size, and a lidar as bad as its "
-    "data sheet allows. Inliers depend on the features and on the map they are counted in, so compare "
-    "differences and not sizes.",
+    "The paper uses a real TurtleBot3. This project simulates a corridor of the same size, and a lidar with "
+    "the largest errors that its data sheet allows. The number of inliers depends on the features and on the "
+    "reference map, so compare differences, not absolute numbers.",
     (
         Item(
             "Training",
-            "50 tanh neurons by Levenberg–Marquardt: MSE 9.55e-5 m² at the distances it was shown",
+            "50 tanh neurons, trained by Levenberg–Marquardt: MSE 9.55e-5 m² at the training distances",
             (
                 Quote(
-                    "MSE {} m² at the distances it was shown; {} mm RMSE at held-out ones, {} mm before",
+                    "MSE {} m² at training distances; RMSE at held-out distances {} mm, uncorrected {} mm",
                     "Training",
                     ("levenberg-marquardt",),
                     ("MSE at learnt distances, m²", "RMSE at held-out, mm", "raw there, mm"),
                 ),
                 Quote(
-                    "by Adam: MSE {} m²; {} mm RMSE at held-out distances",
+                    "by Adam: MSE {} m²; RMSE at held-out distances {} mm",
                     "Training",
                     ("adam",),
                     ("MSE at learnt distances, m²", "RMSE at held-out, mm"),
@@ -292,11 +299,11 @@ ANN = Paper(
         ),
         Item(
             "Figures 8 to 13",
-            "Readings against the truth, their errors, histograms at 1 m and 3 m, and standard deviations by "
-            "distance. Curves without numbers",
+            "Readings over true distance, their errors, histograms at 1 m and 3 m, and standard deviations "
+            "over distance. Curves without numbers",
             (
                 Quote(
-                    "at held-out distances {} mm RMSE before, {} after, of which noise {}",
+                    "RMSE at held-out distances: uncorrected {} mm, corrected {} mm, noise alone {} mm",
                     "Training",
                     ("levenberg-marquardt",),
                     ("raw there, mm", "RMSE at held-out, mm", "noise there, mm"),
@@ -310,26 +317,26 @@ ANN = Paper(
             "+25.17 % with the network, from the means over table II",
             (
                 Gain("{} with the network", _LOOPS, "with (2)", "inliers without"),
-                Gain("{} against known poses", _LOOPS, "with (3)", "inliers of known poses without"),
+                Gain("{} on the map from known poses", _LOOPS, "with (3)", "inliers of known poses without"),
             ),
         ),
         Item(
             "Size of the map",
-            "15.7 × 42.6 m without the network, 15.95 × 43.10 m with it; true 15.9 × 43 m",
+            "15.7 × 42.6 m without the network, 15.95 × 43.10 m with it; true size 15.9 × 43 m",
             _with_and_without("{} m", "map, m"),
         ),
         Item(
-            "Cost",
-            "The CPU's load, without numbers in our notes",
+            "Figures 17 and 18",
+            "CPU load within a minute: 30–40 % at 30 particles, 100 % at 800",
             _with_and_without("{} ms per scan, {} s of CPU time", "ms per scan", "CPU seconds"),
         ),
         Item(
-            "Figures 14 to 19",
-            "Maps of the corridor: the ground truth, without the network and with it",
-            _with_and_without("walls drawn once {}", "walls drawn once"),
+            "Figures 14 to 16",
+            "Maps of the corridor: the ground truth, not closed without the network, closed with it",
+            _with_and_without("share of walls drawn once {}", "walls drawn once"),
             ("maps.png",),
         ),
     ),
 )
 
-PAPERS = (TOBACCO, MINE, ANN)
+PAPERS = (LIANG, YANG, JAMALUDIN)

@@ -1,4 +1,4 @@
-"""What an experiment's folder has: its tables, cell by cell, and what made them."""
+"""Read the results of an experiment: its tables, and the command and the versions that made them."""
 
 import json
 import re
@@ -13,18 +13,18 @@ class Table:
     """A table of `table.md`.
 
     Attributes:
-        header: names of the columns; of one that is there twice, the second is `NAME (2)`.
-        rows: their cells.
+        header: names of the columns; the second column of the same name is `NAME (2)`.
+        rows: the cells of each row.
     """
 
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
 
     def row(self, first: Sequence[str]) -> dict[str, str]:
-        """The row that begins with these cells, by column.
+        """Return the row that begins with these cells, by column.
 
         Raises:
-            KeyError: there is none.
+            KeyError: no row begins with them.
         """
         for row in self.rows:
             if row[: len(first)] == tuple(first):
@@ -34,11 +34,11 @@ class Table:
 
 @dataclass(frozen=True)
 class Results:
-    """The results of an experiment as they lie on disk.
+    """The results of an experiment.
 
     Attributes:
-        text: of `table.md`; None where the experiment has not been run to its end.
-        origin: what `run.json` says; empty where there is none.
+        text: content of `table.md`; None if the experiment has not been completed.
+        origin: content of `run.json`; empty if the file does not exist.
     """
 
     text: str | None
@@ -46,12 +46,12 @@ class Results:
 
     @property
     def tables(self) -> dict[str, Table]:
-        """By title; a table below a heading has it in front: `hall_small: Methods`."""
+        """Tables by title; the title begins with the heading above the table: `hall_small: Methods`."""
         return {} if self.text is None else _tables(self.text)
 
     @property
     def made_by(self) -> str:
-        """Seeds, drives and versions in one line; what the file does not say is left out."""
+        """Seeds, drives and versions in one line, as far as `run.json` has them."""
         said = []
         if "seeds" in self.origin:
             said.append(f"{self.origin['seeds']} seeds")
@@ -63,7 +63,7 @@ class Results:
 
 
 def read_results(folder: Path) -> Results:
-    """What a results folder has, as far as it is there.
+    """Read the results of a folder, as far as they exist.
 
     Raises:
         ValueError: `run.json` is not JSON.
@@ -93,7 +93,7 @@ def _tables(text: str) -> dict[str, Table]:
 
 def _table(block: str) -> Table:
     lines = [_cells(line) for line in block.splitlines()]
-    # The second is the rule below the header.
+    # The second line is the rule below the header.
     return Table(_distinct(lines[0]), tuple(lines[2:]))
 
 

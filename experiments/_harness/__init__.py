@@ -1,0 +1,1 @@
+"""What the experiments share: flags, cells, methods, measures, timing, pictures."""

@@ -168,15 +168,6 @@ class AMCL(eqx.Module):
             num_steps=jnp.zeros((), jnp.int32),
         )
 
-    def blank_infos(self, num_steps: int) -> AMCLInfo:
-        """Room for the infos of so many steps, stacked over time; zeros."""
-        whole, number = jnp.zeros(num_steps, jnp.int32), jnp.zeros(num_steps, jnp.float32)
-        no = jnp.zeros(num_steps, bool)
-        cluster = Cluster(
-            jnp.zeros((num_steps, 3), jnp.float32), jnp.zeros((num_steps, 3, 3), jnp.float32), number
-        )
-        return AMCLInfo(cluster, whole, whole, number, no, no, no, number, whole)
-
     def step(self, key: PRNGKeyArray, state: AMCLState, inputs: StepInputs) -> tuple[AMCLState, AMCLInfo]:
         """Move, weigh, estimate, and draw as many particles as the belief needs."""
         inputs = with_corrected_ranges(self.range_network, inputs)
@@ -325,19 +316,3 @@ def _keep(
     room = jnp.zeros((count, 3), jnp.float32).at[:size].set(poses)
     weights = jnp.full(count, -jnp.inf, jnp.float32).at[:size].set(log_weights)
     return num_particles, room, weights, jnp.zeros((), jnp.int32)
-
-
-def run(amcl: AMCL, key: PRNGKeyArray, state: AMCLState, inputs: StepInputs) -> tuple[AMCLState, AMCLInfo]:
-    """A whole log as one `lax.scan`.
-
-    Args:
-        amcl: the filter.
-        key: PRNG key; step `t` uses `fold_in(key, t)`.
-        state: from `init` or `init_global`.
-        inputs: leaves stacked over time, `[T, ...]`.
-    """
-
-    def step(state: AMCLState, inputs: StepInputs) -> tuple[AMCLState, AMCLInfo]:
-        return amcl.step(jax.random.fold_in(key, state.num_steps), state, inputs)
-
-    return jax.lax.scan(step, state, inputs)

@@ -41,6 +41,8 @@ def build_slam(
     Example:
         A path of 10 × 5 m, margin 12 m and 0.3 per metre, usable range 8 m, cells of 5 cm: 56 × 51 m.
     """
+    if config.lidar is None:
+        raise ValueError("config.lidar is None: give one, for example config.with_lidar(\"sick\")")
     reach, resolution = float(config.lidar.usable_range), float(config.map.resolution)
     longer_side = float(np.max(odometry_bounds[1] - odometry_bounds[0]))
     margin = float(config.map.margin) + float(config.map.margin_share) * longer_side

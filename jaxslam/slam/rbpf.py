@@ -123,18 +123,6 @@ class RBPF(eqx.Module):
         )
         return with_sharding(self.mesh, state, count)
 
-    def blank_infos(self, num_steps: int) -> StepInfo:
-        """Room for the infos of so many steps, stacked over time; zeros."""
-        rows = (num_steps, self.num_particles)
-        return StepInfo(
-            poses=jnp.zeros((*rows, 3), jnp.float32),
-            log_weights=jnp.zeros(rows, jnp.float32),
-            ancestors=jnp.zeros(rows, jnp.int32),
-            ess=jnp.zeros(num_steps, jnp.float32),
-            resampled=jnp.zeros(num_steps, bool),
-            flags=jnp.zeros(num_steps, jnp.int32),
-        )
-
     def step(self, key: PRNGKeyArray, state: RBPFState, inputs: StepInputs) -> tuple[RBPFState, StepInfo]:
         """Propose, weigh, update the maps, resample."""
         # All at once: each further split costs as much as drawing all the noise.

@@ -101,6 +101,7 @@ def check_source(plan: Plan, source: Source) -> None:
     loaded = load(source)
     configuration = plan.configuration({}, loaded.lidar)
     try:
+        assert configuration.lidar is not None  # `load` has set it
         log, _ = correct_scans(loaded.log, configuration.lidar)
         inputs = pair_scans(log, configuration.thinning)
         _errors(loaded, inputs, inputs.all_odometry)

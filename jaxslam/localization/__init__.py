@@ -1,4 +1,4 @@
-"""Localisation in a known map: adaptive Monte-Carlo localisation and its parts."""
+"""Localization in a known map: adaptive Monte-Carlo localization and its parts."""
 
 from jaxslam.localization.amcl import AMCL, Agreement, AMCLInfo, AMCLState
 from jaxslam.localization.cluster import Cluster, Clustering

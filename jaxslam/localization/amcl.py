@@ -1,4 +1,4 @@
-"""Adaptive Monte-Carlo localisation: where a robot is on a known map, mine (8)–(15)."""
+"""Adaptive Monte-Carlo localization: where a robot is on a known map, mine (8)–(15)."""
 
 from functools import partial
 from typing import Any
@@ -35,7 +35,7 @@ class AMCLState(eqx.Module):
 
     Attributes:
         poses: `[N, 3]` base poses (m, m, rad, world frame); those from `num_particles` on mean nothing.
-        log_weights: `[N]` normalised log-weights; −inf from `num_particles` on.
+        log_weights: `[N]` normalized log-weights; −inf from `num_particles` on.
         num_particles: how many particles there are now, int32.
         averages: of the scans' likelihood.
         converged: whether the particles agreed after the last step.
@@ -82,8 +82,8 @@ class Agreement(eqx.Module):
 
     Attributes:
         min_weight: share of the belief that the heaviest cluster must have, 0 to 1.
-        max_deviation: and at most this standard deviation in position, metres.
-        near: a beam fits the map if it ends within so many metres of an obstacle.
+        max_deviation: and at most this standard deviation in position, meters.
+        near: a beam fits the map if it ends within so many meters of an obstacle.
         lost_below: share of the beams that fit under which the estimate is taken to be wrong.
     """
 
@@ -97,12 +97,12 @@ class Agreement(eqx.Module):
 
 
 class AMCL(eqx.Module):
-    """Monte-Carlo localisation with an adaptive number of particles.
+    """Monte-Carlo localization with an adaptive number of particles.
 
     Pass it to `jax.jit` as an argument: its floats are traced, its sizes static. The particle set has room
-    for `max_particles`; those that active come first. A step works on the smallest of four sizes of set that
-    holds the active ones, and resampling makes at most the next larger one of it: from 500 to 100 000 particles
-    it takes three steps, after a kidnapping, say.
+    for `max_particles`; the active ones come first. A step works on the smallest of four set sizes that holds
+    the active particles, and resampling grows the set by at most one size: from 500 to 100 000 particles, for
+    example after a kidnapping, it takes three steps.
 
     Attributes:
         map: the known map.

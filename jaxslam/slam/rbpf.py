@@ -35,7 +35,7 @@ class RBPFState(eqx.Module):
     Attributes:
         maps: `[N, H, W]` int8 log-odds in fixed point, one map per particle.
         poses: `[N, 3]` base poses (m, m, rad, world frame).
-        log_weights: `[N]` normalised log-weights.
+        log_weights: `[N]` normalized log-weights.
         num_steps: steps taken, int32.
     """
 
@@ -50,7 +50,7 @@ class StepInfo(eqx.Module):
 
     Attributes:
         poses: `[N, 3]` after the proposal and before resampling.
-        log_weights: `[N]` normalised, before resampling.
+        log_weights: `[N]` normalized, before resampling.
         ancestors: `[N]` int32, the particle that each slot goes on from.
         ess: effective sample size before resampling, 1 to N.
         resampled: whether the particles were resampled.
@@ -77,7 +77,7 @@ class RBPF(eqx.Module):
         proposal: q, where the particles go.
         resampling: when and how to resample.
         occupancy: what a scan adds to a map.
-        usable_range: longer returns only clear the space before them, metres.
+        usable_range: longer returns only clear the space before them, meters.
         range_network: corrects the ranges of every scan first; None leaves them as they are.
         num_particles: N (static).
         window_size: cells along a side of the window that a step works on, divisible by 4 (static): around

@@ -24,7 +24,7 @@ def plot_errors(
 
     Args:
         stamps: `[M]` seconds.
-        errors: `[M]`, or `[S, M]` for `S` seeds: metres, or radians for headings (drawn in
+        errors: `[M]`, or `[S, M]` for `S` seeds: meters, or radians for headings (drawn in
             degrees). NaN leaves a seed out at that stamp, or a gap where all are NaN.
         band: `[M]` half width of the band in the unit of `errors`, or `[2, M]` its lower and upper edge, as a
             logarithmic axis needs them; None takes the std over seeds.
@@ -121,7 +121,7 @@ def plot_live_particles(
     agreed: Bool[np.ndarray | Array, "_"] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draws how many particles a localisation keeps over time, grey where they do not agree.
+    """Draws how many particles a localization keeps over time, gray where they do not agree.
 
     Args:
         stamps: `[T]` seconds.

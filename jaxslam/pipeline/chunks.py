@@ -13,7 +13,6 @@ from jaxtyping import Array, Int, PRNGKeyArray
 
 from jaxslam.core.types import StepInputs
 from jaxslam.xla.compiler import compiler_options
-from jaxslam.xla.control_flow import run_if
 
 CHUNK = 64
 """Scans between two calls to the host: often enough for a progress bar, rarely enough to cost nothing."""
@@ -46,17 +45,19 @@ def run_steps(
         The final state, and the infos of all steps, leaves `[length, ...]`; zeros from `count` on.
     """
     length = inputs.scan.ranges.shape[0] if length is None else length
+    count = length if count is None else count
 
     def step(state: Any, now: StepInputs) -> tuple[Any, Any]:
         return filter_.step(jax.random.fold_in(key, state.num_steps), state, now)
 
     def body(state: Any, index: Int[Array, ""]) -> tuple[Any, Any]:
-        now = jax.tree.map(lambda leaf: leaf[first + index], inputs)
-        if count is None:
-            return step(state, now)
-        shapes = jax.eval_shape(step, state, now)[1]
+        def one(_: Int[Array, ""], carry: tuple[Any, Any]) -> tuple[Any, Any]:
+            return step(carry[0], jax.tree.map(lambda leaf: leaf[first + index], inputs))
+
+        shapes = jax.eval_shape(step, state, jax.tree.map(lambda leaf: leaf[0], inputs))[1]
         blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
-        return run_if(index < count, lambda carry: step(carry[0], now), (state, blank))
+        # A loop of one trip, or of none past the end: unlike `lax.cond` it never copies the maps.
+        return jax.lax.fori_loop(0, (index < count).astype(jnp.int32), one, (state, blank))
 
     return jax.lax.scan(body, state, jnp.arange(length, dtype=jnp.int32))
 

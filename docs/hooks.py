@@ -60,7 +60,9 @@ def _render_notebook(path: Path) -> tuple[str, dict[str, bytes]]:
 
 
 def _mathml(latex: str, *, block: bool) -> str:
-    return convert(html.unescape(latex).strip(), display="block" if block else "inline")
+    text = convert(html.unescape(latex).strip(), display="block" if block else "inline")
+    # Browsers add no space between the name of a function and its argument.
+    return re.sub(r"<mi>(log|exp|arg|max|min)</mi>", r'<mi>\1</mi><mspace width="0.17em"/>', text)
 
 
 def _api_page(package: str) -> str:

@@ -3,13 +3,17 @@
 The README's code, which the front page and a guide repeat, runs in `tests/test_readme.py`.
 """
 
+import importlib
 import re
 import shlex
 
 import jax
 import pytest
 
+import jaxslam
 from jaxslam.cli.main import parse
+from jaxslam.config.dotted import flatten, update
+from jaxslam.config.registry import VARIANTS
 from jaxslam.study import read_plan
 from tests.docs.pages import DOCS, ROOT, block_after, commands, run_blocks
 
@@ -59,3 +63,31 @@ def test_every_command_has_a_guide():
     text = "\n".join(page.read_text(encoding="utf-8") for page in (DOCS / "guides").glob("*.md"))
     for command in ("run", "demo", "localize", "info", "config", "fuse", "train-range", "study", "fetch"):
         assert f"`jaxslam {command}`" in text
+
+
+def _texts() -> str:
+    pages = [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+    return "\n".join(page.read_text(encoding="utf-8") for page in pages)
+
+
+@pytest.mark.parametrize("name", sorted(set(re.findall(r"`(jaxslam(?:\.\w+)+)[`(]", _texts()))))
+def test_the_names_exist(name):
+    found, _, rest = name.partition(".")
+    value = jaxslam
+    while rest:
+        part, _, rest = rest.partition(".")
+        found = f"{found}.{part}"
+        value = getattr(value, part) if hasattr(value, part) else importlib.import_module(found)
+
+
+def test_the_settings_exist():
+    mapping = jaxslam.SlamConfig().with_lidar("sick")
+    known = set(flatten(jaxslam.LocalizationConfig())) | set(flatten(mapping))
+    for base, part in zip(VARIANTS, ("motion", "sensor", "proposal", "resampling.scheme"), strict=True):
+        for kind in VARIANTS[base]:
+            known |= set(flatten(update(mapping, {f"{part}.kind": kind})))
+    tables = "|".join({name.partition(".")[0] for name in known if "." in name})
+    files = r"(?!(?:png|yaml|pgm|gif)\b)"
+    named = set(re.findall(rf"`(?:--set )?((?:{tables})\.{files}[a-z_.]+\w)", _texts()))
+    assert len(named) > 20
+    assert {name for name in named if not any(full.startswith(name) for full in known)} == set()

@@ -201,13 +201,15 @@ def print_run_summary(
         next_steps: commands that one would want next.
     """
     scans, config = result.scans, result.scans.config
-    assert config is not None and config.lidar is not None  # `prepare` has set both
+    assert config is not None
+    assert config.lidar is not None
     height, width = result.log_odds.shape
     side, count = float(result.grid.resolution), len(result.particles)
     lines = {
         "picture": str(folder / "map.png"),
         "lidar": f"{lidar}, usable range {float(config.lidar.usable_range):g} m",
-        "maps": f"{count} of {width * side:.1f} × {height * side:.1f} m, {count * height * width / 1e6:.1f} MB",
+        "maps": f"{count} of {width * side:.1f} × {height * side:.1f} m, "
+        f"{count * height * width / 1e6:.1f} MB",
         "scans": f"{metrics['scans_processed']} processed of {metrics['scans_in']}",
         "time": f"{metrics['ms_per_scan']:.2f} ms per scan, plus {metrics['compile_s']:.1f} s to compile",
     }

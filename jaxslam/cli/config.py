@@ -1,6 +1,7 @@
 """`jaxslam config`."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from jaxslam.cli.common import Assignments, File, Lidar, Method, Particles, Switch
 
@@ -31,9 +32,9 @@ def execute(command: Config, arguments: list[str]) -> None:
 
     if command.localization and command.method is not None:
         raise ValueError("--method is a setting of `run`: leave it out with --localization")
-    defaults = jaxslam.LocalizationConfig() if command.localization else jaxslam.SlamConfig()
+    defaults: Any = jaxslam.LocalizationConfig() if command.localization else jaxslam.SlamConfig()
     particles = "max_particles" if command.localization else "num_particles"
-    config = resolve_config(
+    config: Any = resolve_config(
         defaults,
         config=command.config,
         lidar=command.lidar,

@@ -122,7 +122,7 @@ def _wheels(command: Fuse, log: "SensorLog") -> "OdometryTrack":
     from jaxslam.preprocess.wheels import wheel_odometry
 
     if command.wheel_radius is None or command.track is None:
-        raise ValueError("--wheel-radius and --track go together: give both, metres")
+        raise ValueError("--wheel-radius and --track go together: give both, meters")
     if log.joints is None:
         raise LogError(f"{log.path}: no wheel angles (JointState) in it for --wheel-radius and --track")
     return wheel_odometry(log.joints, command.wheel_radius, command.track)

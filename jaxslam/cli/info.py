@@ -22,7 +22,7 @@ class Info:
 def execute(command: Info, arguments: list[str]) -> None:
     """Print what is in a log."""
     from jaxslam.config.lidar_presets import detect_lidar
-    from jaxslam.io import read_log, summarise
+    from jaxslam.io import read_log, summarize
     from jaxslam.preprocess.ranges import correct_scans
 
     log = read_log(
@@ -31,7 +31,7 @@ def execute(command: Info, arguments: list[str]) -> None:
         odometry_topic=command.odom_topic,
         imu_topic=command.imu_topic,
     )
-    print(summarise(log))
+    print(summarize(log))
     missing = [name for name in ("scans", "odometry") if getattr(log, name) is None]
     if missing:
         print(f"cannot map    it has no {' and no '.join(missing)}")

@@ -6,7 +6,8 @@ import io
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 _EXTRAS = {
     "cli": ("tyro", "matplotlib", "PIL", "rosbags", "ruamel", "tqdm", "tomlkit", "docstring_parser", "pooch"),
@@ -107,7 +108,7 @@ def parse(arguments: Sequence[str]) -> object:
     from jaxslam.cli.study_report import StudyReport
     from jaxslam.cli.train_range import TrainRange
 
-    commands = {
+    commands: dict[str, Callable[..., Any]] = {
         "run": Run,
         "demo": Demo,
         "fetch": Fetch,
@@ -158,7 +159,7 @@ def _one_value_per_set(arguments: Sequence[str]) -> list[str]:
 
 
 def _one_line(box: str) -> str:
-    """Return the first sentences of a framed, wrapped message, up to its first rule, and point to the help."""
+    """Return the first sentences of a framed message, up to its first rule, and point to the help."""
     sentences: list[str] = []
     for line in box.splitlines():
         text = line.strip(" │╭╮╰╯─")

@@ -54,7 +54,7 @@ def execute(command: TrainRange, arguments: list[str]) -> None:
     check_seed(command.seed)
     check_sizes(command.neurons, command.restarts)
     if not command.data:
-        raise ValueError("give readings to learn from: FILE.csv, or LOG:METRES of a wall (see --help)")
+        raise ValueError("give readings to learn from: FILE.csv, or LOG:METERS of a wall (see --help)")
     readings = Readings.joined([read_readings(source, bearing=command.bearing) for source in command.data])
     if readings.num_lost:
         warn([f"{readings.num_lost} readings without a return are left out"])

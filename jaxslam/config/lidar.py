@@ -14,9 +14,9 @@ class LidarSettings(eqx.Module):
 
     Attributes:
         name: the preset they are from (static).
-        usable_range: longer returns only clear the space before them, metres.
-        min_range: shorter readings are no return, metres.
-        max_range: readings at or over it are no return, metres.
+        usable_range: longer returns only clear the space before them, meters.
+        min_range: shorter readings are no return, meters.
+        max_range: readings at or over it are no return, meters.
         turn_time: of a whole turn, for logs that do not say when within a scan its beams were taken,
             seconds; 0: all at once.
         max_lag: how far the scans' stamps may be off the odometry's, which is estimated, seconds; 0 takes
@@ -31,9 +31,9 @@ class LidarSettings(eqx.Module):
     max_lag: Number = 0.5
 
     def __check_init__(self):
-        require_number(self, "usable_range", lambda value: value > 0, "a number of metres above 0")
-        require_number(self, "min_range", lambda value: value >= 0, "a number of metres, 0 or more")
-        require_number(self, "max_range", lambda value: value > 0, "a number of metres above 0")
+        require_number(self, "usable_range", lambda value: value > 0, "a number of meters above 0")
+        require_number(self, "min_range", lambda value: value >= 0, "a number of meters, 0 or more")
+        require_number(self, "max_range", lambda value: value > 0, "a number of meters above 0")
         require_number(self, "turn_time", lambda value: value >= 0, "a number of seconds, 0 or more")
         require_number(self, "max_lag", lambda value: value >= 0, "a number of seconds, 0 or more")
         low, high = self.min_range, self.max_range

@@ -19,10 +19,10 @@ class LidarPreset:
 
     Attributes:
         name: as in `--lidar NAME`.
-        usable_range: longer returns only clear the space before them, metres.
-        min_range: shorter readings are no return, metres.
-        max_range: readings at or over it are no return, metres.
-        log_max_ranges: maximum ranges that logs of it state, metres.
+        usable_range: longer returns only clear the space before them, meters.
+        min_range: shorter readings are no return, meters.
+        max_range: readings at or over it are no return, meters.
+        log_max_ranges: maximum ranges that logs of it state, meters.
         num_beams: beams that its scans have.
         field_of_view: radians.
         rate: scans per second.
@@ -60,7 +60,7 @@ PRESETS: dict[str, LidarPreset] = {
 }
 
 GENERIC_USABLE_RANGE = 8.0
-"""Usable range where no preset fits, metres, if the sensor reaches that far."""
+"""Usable range where no preset fits, meters, if the sensor reaches that far."""
 
 
 def lidar_preset(name: str) -> LidarPreset:

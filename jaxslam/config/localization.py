@@ -1,4 +1,4 @@
-"""Everything that decides a localisation besides the log, the map, the start and the seed."""
+"""Everything that decides a localization besides the log, the map, the start and the seed."""
 
 import dataclasses
 import math
@@ -31,7 +31,7 @@ class StartSettings(eqx.Module):
     """How well a start that is given is known.
 
     Attributes:
-        deviation: standard deviation of its x and of its y, metres.
+        deviation: standard deviation of its x and of its y, meters.
         rotation_deviation: and of its heading, radians.
     """
 
@@ -50,7 +50,7 @@ class BinSettings(eqx.Module):
     """Bins over poses, which say how far the particles are spread.
 
     Attributes:
-        translation: side of a bin, metres.
+        translation: side of a bin, meters.
         rotation: width of a bin, radians.
     """
 
@@ -62,11 +62,11 @@ class BinSettings(eqx.Module):
 
 
 class LocalizationConfig(eqx.Module):
-    """A whole localisation and how it is fed. Floats are traced, sizes and choices static.
+    """A whole localization and how it is fed. Floats are traced, sizes and choices static.
 
     Attributes:
         max_particles: N, room for particles; a global start fills it (static).
-        max_distance: end points farther than this from any obstacle are all alike, metres.
+        max_distance: end points farther than this from any obstacle are all alike, meters.
         resample_below: resample where the effective sample size is under this share of the particles; over
             1 resamples in every step.
         min_valid_beams: a scan with fewer among those that are looked at moves the particles by odometry

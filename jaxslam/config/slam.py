@@ -39,10 +39,10 @@ class MapSettings(eqx.Module):
     """Cells and extent of the maps.
 
     Attributes:
-        resolution: side of a cell, metres.
-        margin: room around the odometry's path beyond the usable range, metres: what it may be wrong by.
-        margin_share: and so much more per metre of the path's longer side: a heading that drifts turns it.
-        window: side of the square that a step works on, metres, if the usable range is not shorter. It lies
+        resolution: side of a cell, meters.
+        margin: room around the odometry's path beyond the usable range, meters: what it may be wrong by.
+        margin_share: and so much more per meter of the path's longer side: a heading that drifts turns it.
+        window: side of the square that a step works on, meters, if the usable range is not shorter. It lies
             around the lidar, and ahead of one that sees farther.
         radius: truncation of the distance field, cells, 1 to 10 (static).
     """
@@ -54,10 +54,10 @@ class MapSettings(eqx.Module):
     radius: int = eqx.field(static=True, default=RBPF.__dataclass_fields__["radius"].default)
 
     def __check_init__(self):
-        require_number(self, "resolution", lambda value: value > 0, "a number of metres above 0")
-        require_number(self, "margin", lambda value: value >= 0, "a number of metres, 0 or more")
+        require_number(self, "resolution", lambda value: value > 0, "a number of meters above 0")
+        require_number(self, "margin", lambda value: value >= 0, "a number of meters, 0 or more")
         require_number(self, "margin_share", lambda value: value >= 0, "a number, 0 or more")
-        require_number(self, "window", lambda value: value > 0, "a number of metres above 0")
+        require_number(self, "window", lambda value: value > 0, "a number of meters above 0")
         if not 1 <= self.radius <= MAX_RADIUS:
             raise ValueError(f"map.radius is {self.radius}: give 1 to {MAX_RADIUS} cells")
 

@@ -8,7 +8,7 @@ class Thinning:
     """Which scans a filter processes: those taken after the robot has moved enough.
 
     Attributes:
-        min_translation: path length since the last processed scan that makes the next one due, metres.
+        min_translation: path length since the last processed scan that makes the next one due, meters.
         min_rotation: or the sum of turning, radians.
     """
 

@@ -1,6 +1,6 @@
 """Small linear algebra as it compiles best: 3 × 3 systems in closed form, several sums at once.
 
-A batched factorisation costs five times as much.
+A batched factorization costs five times as much.
 """
 
 import jax

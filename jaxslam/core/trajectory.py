@@ -1,6 +1,6 @@
 """Trajectories on the host: interpolation, dead reckoning, length and rotation, in NumPy and float64.
 
-float32 would lose centimetres on a map in UTM coordinates. Poses are `[..., 3]` = (x m, y m, theta rad);
+float32 would lose centimeters on a map in UTM coordinates. Poses are `[..., 3]` = (x m, y m, theta rad);
 angles that are returned lie in [−π, π).
 """
 
@@ -85,7 +85,7 @@ def dead_reckon(
 
 
 def path_length(poses: Float64[np.ndarray, "M 3"]) -> float:
-    """Length of the polyline through the positions, metres."""
+    """Length of the polyline through the positions, meters."""
     return float(np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1).sum())
 
 
@@ -126,7 +126,7 @@ def interpolate_along_odometry(
         Odometry at x = 0, 1, 2, known poses x = 0 and 2.2 at its ends: 1.1 in the middle.
     """
     steps = se2.relative(odometry[:-1], odometry[1:])
-    # A radian counts like a metre: it is which share of the way was gone that matters, not its length.
+    # A radian counts like a meter: it is which share of the way was gone that matters, not its length.
     moved = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]) + np.abs(steps[:, 2]))])
     row = np.arange(len(odometry))
     earlier = np.clip(np.searchsorted(rows, row, side="right") - 1, 0, len(rows) - 1)

@@ -1,6 +1,6 @@
 """The containers that travel through a filter: scans, odometry increments, step inputs.
 
-All are frozen pytrees of device arrays. Poses are plain arrays `[..., 3]`: x and y in metres, theta in
+All are frozen pytrees of device arrays. Poses are plain arrays `[..., 3]`: x and y in meters, theta in
 radians. Stacked over time (a leading axis `T` on every leaf) they are what `lax.scan` runs over.
 """
 
@@ -15,10 +15,10 @@ class LidarScan(eqx.Module):
     Beam `i` points at `angle_min + i * angle_increment` in the lidar frame, counter-clockwise positive.
 
     Attributes:
-        ranges: `[B]` metres. Where `valid` is false the value is 0 and means "no return".
+        ranges: `[B]` meters. Where `valid` is false the value is 0 and means "no return".
         valid: `[B]` true where the beam hit something inside the usable range interval.
         angle_min: angle of beam 0, radians, lidar frame.
-        angle_increment: angle between neighbouring beams, radians (negative: clockwise).
+        angle_increment: angle between neighboring beams, radians (negative: clockwise).
         pose_base_lidar: `[3]` pose of the lidar in the robot's base frame.
     """
 

@@ -29,8 +29,8 @@ class OdometerNoise(eqx.Module):
         lateral: of the speed across, m/s: wheels slip a little sideways.
         turning: of the turning rate, as a share of it.
         turning_floor: and at rest, rad/s.
-        position_per_metre: of the position, m per √m driven.
-        heading_per_metre: of the heading, rad per √m driven.
+        position_per_meter: of the position, m per √m driven.
+        heading_per_meter: of the heading, rad per √m driven.
     """
 
     speed: float = 0.05
@@ -38,8 +38,8 @@ class OdometerNoise(eqx.Module):
     lateral: float = 0.02
     turning: float = 0.3
     turning_floor: float = 0.1
-    position_per_metre: float = 0.05
-    heading_per_metre: float = 0.05
+    position_per_meter: float = 0.05
+    heading_per_meter: float = 0.05
 
     def __check_init__(self):
         require_at_least_zero(self, positive=("speed_floor", "lateral", "turning_floor"))
@@ -167,8 +167,8 @@ def _odometry_part(odometry: OdometryTrack, noise: OdometerNoise, use_poses: boo
     variance[:, 4] = noise.lateral**2 + (noise.speed * rates[:, 1]) ** 2
     variance[:, 5] = noise.turning_floor**2 + (noise.turning * rates[:, 2]) ** 2
     distance = np.cumsum(np.hypot(step[:, 0], step[:, 1]))
-    variance[:, :2] = (1e-4 + noise.position_per_metre**2 * distance)[:, None]
-    variance[:, 2] = 1e-4 + noise.heading_per_metre**2 * distance
+    variance[:, :2] = (1e-4 + noise.position_per_meter**2 * distance)[:, None]
+    variance[:, 2] = 1e-4 + noise.heading_per_meter**2 * distance
     if world_frame:
         # The rates' own axes turn with the robot; both get the larger variance.
         heading = poses[:-1, 2] + 0.5 * step[:, 2]

@@ -17,7 +17,7 @@ def squared_distance(occupied: Bool[Array, "H W"], radius: int) -> UInt8[Array, 
         One occupied cell and `radius=2`: 0 there, 1 beside it, 2 across the corner, 4 two cells away, else 5.
     """
     height, width = occupied.shape
-    # Empty columns between the rows keep a flat shift from reaching into the neighbouring row.
+    # Empty columns between the rows keep a flat shift from reaching into the neighboring row.
     padded = jnp.pad(occupied, ((margin_rows(radius),) * 2, (0, radius))).astype(jnp.int8)
     return squared_distance_flat(padded, jnp.int8(0), radius).reshape(height, width + radius)[:, :width]
 
@@ -32,7 +32,7 @@ def squared_distance_flat(
 ) -> UInt8[Array, "cells"]:
     """As `squared_distance`, row after row, and cheaper: wrong within `radius` columns of the sides.
 
-    There a distance may be taken to the neighbouring row's other end. The first and last
+    There a distance may be taken to the neighboring row's other end. The first and last
     `margin_rows(radius)` rows are read only; the result has the others. For that the whole transform is
     `4 · radius` shifted reads of flat arrays and compiles to a few vector instructions per cell.
 

@@ -20,10 +20,10 @@ class DistanceField(eqx.Module):
 
     Attributes:
         pairs: `[height · width]` squared cells, at most `radius² + 1`: a cell's own in the low byte and its
-            right neighbour's in the high one, so that interpolation takes two look-ups and not four. The
+            right neighbor's in the high one, so that interpolation takes two look-ups and not four. The
             highest bit of each byte tells that nobody has seen the cell yet.
-        origin: `[2]` world position of the lower-left corner, metres.
-        resolution: side of a cell, metres.
+        origin: `[2]` world position of the lower-left corner, meters.
+        resolution: side of a cell, meters.
         height: rows (static).
         width: columns (static).
         radius: truncation radius in cells (static).
@@ -75,13 +75,13 @@ class DistanceField(eqx.Module):
         would draw the scan back; across it, there is nothing to correct.
 
         Args:
-            points: `[B, 2]` metres, world frame.
+            points: `[B, 2]` meters, world frame.
             normals: `[B, 2]` unit vectors across the walls, world frame; zero where not known.
 
         Returns:
             Distance `[B]`, signed distance across `[B]` and the direction `[B, 2]` in which the latter grows
             by its own length: the normal, or where that is not known the way from the obstacle. In cells,
-            interpolated between cell centres.
+            interpolated between cell centers.
         """
         distance, slope_x, slope_y = self._interpolate(points[:, 0], points[:, 1])
         x, y = normals[:, 0], normals[:, 1]
@@ -93,7 +93,7 @@ class DistanceField(eqx.Module):
     def _interpolate(
         self, x: Float[Array, "B"], y: Float[Array, "B"]
     ) -> tuple[Float[Array, "B"], Float[Array, "B"], Float[Array, "B"]]:
-        """Distance in cells and its slopes (cells per cell) at the points, bilinear between cell centres."""
+        """Distance in cells and its slopes (cells per cell) at the points, bilinear between cell centers."""
         squared, along, up = self.corners(x, y)
         lower_left, lower_right, upper_left, upper_right = (jnp.sqrt(d) for d in squared)
         slope_lower, slope_upper = lower_right - lower_left, upper_right - upper_left
@@ -105,7 +105,7 @@ class DistanceField(eqx.Module):
     def corners(
         self, x: Float[Array, "B"], y: Float[Array, "B"]
     ) -> tuple[tuple[Float[Array, "B"], ...], Float[Array, "B"], Float[Array, "B"]]:
-        """Squared distances in cells² at the four cell centres around each point.
+        """Squared distances in cells² at the four cell centers around each point.
 
         Returns:
             Lower left, lower right, upper left and upper right `[B]`, then how far between them the point
@@ -155,8 +155,8 @@ def prepare_field(
     Args:
         window: log-odds in fixed point; 0 where nothing is known.
         occupied_above: cells over this are obstacles.
-        origin: `[2]` world position of the window's lower-left corner, metres.
-        resolution: side of a cell, metres.
+        origin: `[2]` world position of the window's lower-left corner, meters.
+        resolution: side of a cell, meters.
         radius: truncation of the fine level, cells (static).
     """
     rows, size = window.shape
@@ -165,12 +165,12 @@ def prepare_field(
     fine = squared_distance_flat(window, occupied_above, radius)
     coarse = _coarsen(fine.reshape(height, size))
     half = COARSE_FACTOR // 2
-    centres = window[margin + half : rows - margin : COARSE_FACTOR, half::COARSE_FACTOR]
+    centers = window[margin + half : rows - margin : COARSE_FACTOR, half::COARSE_FACTOR]
     origin = origin + jnp.asarray([0.0, margin], jnp.float32) * resolution
     return Field(
         fine=DistanceField(_pairs(fine, window, margin), origin, resolution, height, size, radius),
         coarse=DistanceField(
-            _pairs(coarse, centres, 0),
+            _pairs(coarse, centers, 0),
             origin,
             resolution * COARSE_FACTOR,
             height // COARSE_FACTOR,
@@ -185,15 +185,15 @@ def _coarsen(fine: UInt8[Array, "H W"]) -> UInt8[Array, "cells"]:
 
     No obstacle is missed: none is farther than half a coarse diagonal, 2.8 cells, from one of them.
     """
-    centre = COARSE_FACTOR // 2
-    sampled = fine[centre::COARSE_FACTOR, centre::COARSE_FACTOR]
-    seeds = sampled <= jnp.uint8(centre * centre + centre * centre)
+    center = COARSE_FACTOR // 2
+    sampled = fine[center::COARSE_FACTOR, center::COARSE_FACTOR]
+    seeds = sampled <= jnp.uint8(center * center + center * center)
     padded = jnp.pad(seeds, ((margin_rows(COARSE_RADIUS),) * 2, (0, 0))).astype(jnp.int8)
     return squared_distance_flat(padded, jnp.int8(0), COARSE_RADIUS)
 
 
 def _pairs(squared: UInt8[Array, "cells"], window: Int8[Array, "H W"], margin: int) -> UInt16[Array, "cells"]:
-    """Each cell with its right neighbour, marked where the window, off its outer `margin` rows, is unseen.
+    """Each cell with its right neighbor, marked where the window, off its outer `margin` rows, is unseen.
 
     The last cell of a row gets the next row's first, which no point uses.
     """
@@ -220,8 +220,8 @@ def field_of_map(
 
     Args:
         occupied: `[H, W]`, row 0 the lowest y.
-        origin: `[2]` world position of the lower-left corner of cell (0, 0), metres.
-        resolution: side of a cell, metres.
+        origin: `[2]` world position of the lower-left corner of cell (0, 0), meters.
+        resolution: side of a cell, meters.
         radius: truncation radius, cells, 1 to 10 (static).
 
     Raises:

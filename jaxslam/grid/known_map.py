@@ -14,18 +14,18 @@ from jaxslam.io.map_server import OccupancyMap
 
 
 class KnownMap(eqx.Module):
-    """A map to localise in; made once, by `from_map`.
+    """A map to localize in; made once, by `from_map`.
 
     Its cells lie along the map frame, which `origin` puts into the world, turned or not.
 
     Attributes:
         occupied: `[H, W]`, row 0 the lowest y of the map frame.
-        distance: `[H + 2, W + 2]` from a cell's centre to the nearest obstacle's, metres, at most
+        distance: `[H + 2, W + 2]` from a cell's center to the nearest obstacle's, meters, at most
             `max_distance`; with a border of one cell at `max_distance`.
         free: `[M]` row-major indices of the cells that a robot can stand in, ascending.
-        resolution: side of a cell, metres.
+        resolution: side of a cell, meters.
         origin: `[3]` pose of the outer corner of cell (0, 0) in the world (m, m, rad).
-        max_distance: truncation, metres.
+        max_distance: truncation, meters.
     """
 
     occupied: Bool[Array, "H W"]
@@ -41,7 +41,7 @@ class KnownMap(eqx.Module):
 
         Args:
             occupancy: as `jaxslam.io.read_map` gives it.
-            max_distance: end points farther than this from any obstacle are all alike, metres.
+            max_distance: end points farther than this from any obstacle are all alike, meters.
 
         Raises:
             ValueError: there is no obstacle or no free space in it.
@@ -53,8 +53,8 @@ class KnownMap(eqx.Module):
             )
         if not occupancy.free.any():
             raise ValueError(
-                f"{occupancy.name}: no free cell among its {size}, so there is no place for the robot: check its "
-                "thresholds and negate"
+                f"{occupancy.name}: no free cell among its {size}, so there is no place for the robot: check "
+                "its thresholds and negate"
             )
         occupied = jnp.asarray(occupancy.occupied)
         # Nothing is farther than the map is large.

@@ -135,7 +135,7 @@ def add_scan(
 
     Every cell looks itself up in the scan's table and changes at most once, so the cost is that of the
     window and not of the beams. Hits are placed exactly; free space ends one cell before them, which
-    covers that bearings are seen from the centre of the lidar's cell and not from the lidar.
+    covers that bearings are seen from the center of the lidar's cell and not from the lidar.
 
     Args:
         model: log-odds to add.
@@ -172,7 +172,7 @@ def cells_from_lidar(size: int, shift: Int[Array, "2"]) -> CellsFromLidar:
 
     Args:
         size: cells along a side (static).
-        shift: `[2]` rows and columns from the lidar's cell to the window's centre cell, less than half
+        shift: `[2]` rows and columns from the lidar's cell to the window's center cell, less than half
             of `size`.
     """
     offset = np.arange(2 * size) - size

@@ -27,14 +27,14 @@ def cast(
         field: of the map. Its outermost `radius` columns on either side are not seen (`DistanceField`).
         pose_lidar: `[3]` pose of the lidar in the world: m, m, rad.
         angles: `[B]` directions in the lidar frame, radians.
-        max_range: metres.
+        max_range: meters.
 
     Returns:
-        `[B]` metres, 0 where the lidar stands in an occupied cell, and `max_range` where a beam reaches
+        `[B]` meters, 0 where the lidar stands in an occupied cell, and `max_range` where a beam reaches
         that far or leaves the field without a hit.
 
     Example:
-        1 m cells, the lidar in the centre of a cell, the third cell to its right occupied: 2.5 at angle 0.
+        1 m cells, the lidar in the center of a cell, the third cell to its right occupied: 2.5 at angle 0.
     """
     scale = 1.0 / field.resolution
     heading = pose_lidar[2] + angles
@@ -64,7 +64,7 @@ def cast(
         squared = _squared_cells(field, corner)
         to_side = jnp.where(forward, corner + 1.0 - cells, cells - corner)
         to_next_cell = jnp.min((to_side + _NUDGE) / speed, axis=-1)
-        # Of the distance between centres, both cells may take half a diagonal.
+        # Of the distance between centers, both cells may take half a diagonal.
         step = jnp.maximum(jnp.sqrt(squared) - np.float32(np.sqrt(2.0)), to_next_cell)
         off_field = jnp.any((cells < 0) | (cells >= size[None, :]), axis=-1)
         hit = hit | (~done & (squared == 0))
@@ -84,6 +84,6 @@ def cast(
 
 
 def _squared_cells(field: DistanceField, corner: Float[Array, "B 2"]) -> Float[Array, "B"]:
-    """Squared distances in cells² of whole (column, row), looked up at their centres, safe from rounding."""
-    centres = (corner + 0.5) * field.resolution + field.origin[None, :]
-    return field.squared_distance(centres) / field.resolution**2
+    """Squared distances in cells² of whole (column, row), looked up at their centers, safe from rounding."""
+    centers = (corner + 0.5) * field.resolution + field.origin[None, :]
+    return field.squared_distance(centers) / field.resolution**2

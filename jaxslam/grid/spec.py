@@ -12,8 +12,8 @@ class GridSpec(eqx.Module):
     Attributes:
         height: rows `H` (static).
         width: columns `W` (static).
-        resolution: side of a cell, metres.
-        origin: `[2]` world position of the lower-left corner of cell (0, 0), metres.
+        resolution: side of a cell, meters.
+        origin: `[2]` world position of the lower-left corner of cell (0, 0), meters.
     """
 
     resolution: Float[Array, ""]
@@ -25,7 +25,7 @@ class GridSpec(eqx.Module):
     def covering(
         cls, lower: Float[np.ndarray, "2"], upper: Float[np.ndarray, "2"], resolution: float
     ) -> "GridSpec":
-        """The smallest grid of whole cells that covers the box from `lower` to `upper` (metres)."""
+        """The smallest grid of whole cells that covers the box from `lower` to `upper` (meters)."""
         cells = np.maximum(np.ceil((np.asarray(upper) - lower) / resolution), 1).astype(int)
         return cls(
             resolution=jnp.asarray(resolution, jnp.float32),

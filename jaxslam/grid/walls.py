@@ -1,4 +1,4 @@
-"""Which cells of a map are obstacles: those that stand out from their neighbours."""
+"""Which cells of a map are obstacles: those that stand out from their neighbors."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Int8, Int16
@@ -6,14 +6,14 @@ from jaxtyping import Array, Int8, Int16
 from jaxslam.grid.occupancy import OccupancyModel
 from jaxslam.xla.materialize import materialize
 
-NEIGHBOURS = 2
+NEIGHBORS = 2
 """How far a stronger cell takes the wall from a weaker one, cells along each axis."""
 _FIXED = 64
 """Shares are counted in so many parts: 127 times as much fits 16 bits."""
 
 
 def thin_walls(model: OccupancyModel, window: Int8[Array, "rows size"]) -> Int8[Array, "rows size"]:
-    """The log-odds of a window, but −1 where a neighbour has so much more that the wall is there.
+    """The log-odds of a window, but −1 where a neighbor has so much more that the wall is there.
 
     Noise of ranges and poses smears a wall over two or three cells, and some of the beams that graze it hit
     cells before it. All of those are occupied more than not; but where the lidar has seen a wall often, the
@@ -21,8 +21,8 @@ def thin_walls(model: OccupancyModel, window: Int8[Array, "rows size"]) -> Int8[
     nothing is taken away.
 
     Args:
-        model: its `thinning_ratio` is the share of the strongest neighbour's log-odds that a cell must have.
-        window: `[rows, size]` log-odds in fixed point. Within `NEIGHBOURS` columns of the sides, neighbours
+        model: its `thinning_ratio` is the share of the strongest neighbor's log-odds that a cell must have.
+        window: `[rows, size]` log-odds in fixed point. Within `NEIGHBORS` columns of the sides, neighbors
             in the next row may count.
     """
     size = window.shape[1]
@@ -41,11 +41,11 @@ def thin_walls(model: OccupancyModel, window: Int8[Array, "rows size"]) -> Int8[
 
 
 def _strongest(cells: Int8[Array, "n"], stride: int) -> Int8[Array, "n"]:
-    """The largest of each cell and its neighbours so many cells apart."""
-    reach = NEIGHBOURS * stride
+    """The largest of each cell and its neighbors so many cells apart."""
+    reach = NEIGHBORS * stride
     padded = jnp.pad(cells, (reach, reach), constant_values=jnp.int8(-128))
     result = cells
-    for step in range(-NEIGHBOURS, NEIGHBOURS + 1):
+    for step in range(-NEIGHBORS, NEIGHBORS + 1):
         start = reach + step * stride
         result = jnp.maximum(result, padded[start : start + cells.shape[0]])
     return result

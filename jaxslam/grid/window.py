@@ -17,13 +17,13 @@ _EDGE = 4
 def window_start(
     spec: GridSpec, position: Float[Array, "2"], shape: tuple[int, int], shift: Int[Array, "2"]
 ) -> tuple[Int[Array, "2"], Bool[Array, ""]]:
-    """First row and column of the window of `shape` whose centre is `shift` cells from `position`.
+    """First row and column of the window of `shape` whose center is `shift` cells from `position`.
 
     Args:
         spec: the map.
-        position: `[2]` of the lidar, metres, world frame.
+        position: `[2]` of the lidar, meters, world frame.
         shape: rows and columns.
-        shift: `[2]` rows and columns from the lidar's cell to the window's centre cell.
+        shift: `[2]` rows and columns from the lidar's cell to the window's center cell.
 
     Returns:
         `[2]` int32 (row, column), moved to lie on the map, and whether it had to be moved.
@@ -36,7 +36,7 @@ def window_start(
 
 
 def window_origin(spec: GridSpec, start: Int[Array, "2"]) -> Float[Array, "2"]:
-    """World position of the lower-left corner of a window that starts at (row, column), metres."""
+    """World position of the lower-left corner of a window that starts at (row, column), meters."""
     return spec.origin + spec.resolution * start[::-1].astype(jnp.float32)
 
 
@@ -44,11 +44,11 @@ def shift_to_scan(ends: Float[Array, "B 2"], resolution: Float[Array, ""], size:
     """Rows and columns from the lidar to the middle of what it sees.
 
     A lidar that looks ahead sees twice as far in a window that lies ahead of it. The lidar itself stays
-    on the window, a metre from its edge at 5 cm cells.
+    on the window, a meter from its edge at 5 cm cells.
 
     Args:
-        ends: `[B, 2]` where the beams end, from the lidar, metres, world axes; (0, 0) where there is none.
-        resolution: side of a cell, metres.
+        ends: `[B, 2]` where the beams end, from the lidar, meters, world axes; (0, 0) where there is none.
+        resolution: side of a cell, meters.
         size: cells along a side of the window.
 
     Returns:
@@ -66,8 +66,8 @@ def inside_window(
     ends: Float[Array, "B 2"], resolution: Float[Array, ""], size: int, shift: Int[Array, "2"]
 ) -> Bool[Array, "B"]:
     """Which beams end on the window, and off its outermost cells (arguments as in `shift_to_scan`)."""
-    from_centre = ends / resolution - shift[None, ::-1].astype(jnp.float32)
-    return jnp.all(jnp.abs(from_centre) < size // 2 - _EDGE, axis=1)
+    from_center = ends / resolution - shift[None, ::-1].astype(jnp.float32)
+    return jnp.all(jnp.abs(from_center) < size // 2 - _EDGE, axis=1)
 
 
 def read_windows(

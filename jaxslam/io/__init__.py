@@ -11,7 +11,7 @@ from jaxslam.io.log import FixTrack, ImuTrack, JointTrack, LogError, OdometryTra
 from jaxslam.io.map_server import OccupancyMap, read_map, write_map
 from jaxslam.io.reader import read_log
 from jaxslam.io.relations import Relations, read_relations
-from jaxslam.io.summary import summarise
+from jaxslam.io.summary import summarize
 from jaxslam.io.tum import read_tum, write_tum
 
 __all__ = [
@@ -31,7 +31,7 @@ __all__ = [
     "read_map",
     "read_relations",
     "read_tum",
-    "summarise",
+    "summarize",
     "write_map",
     "write_tum",
 ]

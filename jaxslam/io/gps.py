@@ -1,14 +1,14 @@
-"""Satellite fixes in metres."""
+"""Satellite fixes in meters."""
 
 import numpy as np
 from jaxtyping import Float64
 
 _EARTH_RADIUS = 6_378_137.0
-"""Equatorial, metres (WGS 84)."""
+"""Equatorial, meters (WGS 84)."""
 
 
 def east_north(positions: Float64[np.ndarray, "M 3"]) -> Float64[np.ndarray, "M 2"]:
-    """Metres east and north of the first fix, on the plane that touches the Earth there.
+    """Meters east and north of the first fix, on the plane that touches the Earth there.
 
     Args:
         positions: `[M, 3]` latitude and longitude in degrees, altitude; M ≥ 1.

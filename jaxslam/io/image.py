@@ -1,4 +1,4 @@
-"""Grey images for maps: PGM read and written here, other formats read with Pillow."""
+"""Gray images for maps: PGM read and written here, other formats read with Pillow."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -11,7 +11,7 @@ class MapError(ValueError):
     """A map that cannot be used. The message is one line: what is wrong, where, what to do."""
 
 
-class GreyImage(NamedTuple):
+class GrayImage(NamedTuple):
     """Brightness `[H, W]` in [0, 1], row 0 at the top; `alpha` `[H, W]` likewise, 1 is opaque."""
 
     shade: Float64[np.ndarray, "H W"]
@@ -24,7 +24,7 @@ def write_pgm(path: Path, pixels: UInt8[np.ndarray, "H W"]) -> None:
     path.write_bytes(b"P5\n%d %d\n255\n" % (width, height) + pixels.tobytes())
 
 
-def read_image(path: Path) -> GreyImage:
+def read_image(path: Path) -> GrayImage:
     """Reads a PGM (P2, P5, 8 or 16 bit) or, with Pillow, any image it can open.
 
     Raises:
@@ -38,7 +38,7 @@ def read_image(path: Path) -> GreyImage:
         raise MapError(f"{path}: cannot be read: {error.strerror}") from None
     if data[:2] in (b"P2", b"P5"):
         shade = _decode_pgm(path, data)
-        return GreyImage(shade, np.ones_like(shade))
+        return GrayImage(shade, np.ones_like(shade))
     return _read_with_pillow(path)
 
 
@@ -87,7 +87,7 @@ def _pgm_header(path: Path, data: bytes) -> tuple[tuple[int, int, int], int]:
     return (width, height, maximum), position + 1
 
 
-def _read_with_pillow(path: Path) -> GreyImage:
+def _read_with_pillow(path: Path) -> GrayImage:
     try:
         from PIL import Image, UnidentifiedImageError
     except ImportError:
@@ -96,7 +96,7 @@ def _read_with_pillow(path: Path) -> GreyImage:
         ) from None
     try:
         with Image.open(path) as image:
-            if image.mode.startswith("I"):  # 16-bit grey, which no conversion of Pillow scales.
+            if image.mode.startswith("I"):  # 16-bit gray, which no conversion of Pillow scales.
                 pixels = np.asarray(image, dtype=np.float64)[..., None] / 65535
                 alpha = np.ones(pixels.shape[:2])
             else:
@@ -106,4 +106,4 @@ def _read_with_pillow(path: Path) -> GreyImage:
         raise MapError(f"{path}: not an image: expected PGM or PNG") from None
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise MapError(f"{path}: the image is cut short or damaged: {error}") from None
-    return GreyImage(pixels.mean(axis=-1), alpha)
+    return GrayImage(pixels.mean(axis=-1), alpha)

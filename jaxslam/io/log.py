@@ -87,7 +87,7 @@ class JointTrack:
 
 @dataclass(frozen=True)
 class FixTrack:
-    """Satellite fixes: `[M, 3]` latitude and longitude in degrees, altitude in metres."""
+    """Satellite fixes: `[M, 3]` latitude and longitude in degrees, altitude in meters."""
 
     stamps: Float64[np.ndarray, "M"]
     positions: Float64[np.ndarray, "M 3"]
@@ -105,13 +105,13 @@ class ScanTrack:
 
     Attributes:
         stamps: `[T]` seconds.
-        ranges: `[T, B]` metres, as recorded; NaN where there is no beam or no return (the reader has
+        ranges: `[T, B]` meters, as recorded; NaN where there is no beam or no return (the reader has
             turned 0, negative, infinite and out-of-interval ranges into NaN).
         num_beams: `[T]` beams each scan really had.
         angle_min: `[T]` radians.
         angle_increment: `[T]` radians.
-        range_min: smallest range the sensor reports, metres.
-        range_max: ranges at or over this are no return, metres.
+        range_min: smallest range the sensor reports, meters.
+        range_max: ranges at or over this are no return, meters.
         pose_base_lidar: `[3]` mounting of the lidar (m, m, rad).
         mounting_known: whether the log itself says how the lidar is mounted.
         topic: the topic or message name it was read from.

@@ -1,4 +1,4 @@
-"""Occupancy maps as ROS' map_server keeps them: a grey image and a yaml file beside it.
+"""Occupancy maps as ROS' map_server keeps them: a gray image and a yaml file beside it.
 
 Arrays `[H, W]` have row 0 at the lowest y, as everywhere in this library; images have it at the
 top.
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64
 
-from jaxslam.io.image import GreyImage, MapError, read_image, write_pgm
+from jaxslam.io.image import GrayImage, MapError, read_image, write_pgm
 
 OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.25
@@ -32,7 +32,7 @@ class OccupancyMap:
     Attributes:
         occupied: `[H, W]` true where there is an obstacle.
         free: `[H, W]` true where there is none; cells that are neither are unknown.
-        resolution: side of a cell, metres.
+        resolution: side of a cell, meters.
         origin: `[3]` pose of the outer corner of cell (0, 0) in the world (m, m, rad).
         name: of the map in error messages, such as the path of its file.
     """
@@ -67,7 +67,7 @@ def write_map(
         path: the yaml file; the image takes its name with the suffix `.pgm`.
         occupancy_probability: `[H, W]` in [0, 1], row 0 at the lowest y; NaN is unknown. Above
             `occupied_threshold` a cell is occupied, below `free_threshold` free, else unknown.
-        resolution: side of a cell, metres.
+        resolution: side of a cell, meters.
         origin: pose of the outer corner of cell (0, 0) in the world (m, m, rad).
         occupied_threshold: also written as `occupied_thresh`.
         free_threshold: also written as `free_thresh`.
@@ -110,8 +110,8 @@ def read_map(path: str | Path) -> OccupancyMap:
     """Reads a map of map_server by the rules of nav2's loader.
 
     Brightness is turned into occupancy (dark is occupied; `negate` turns it round), and that is
-    compared with the two thresholds. In mode `trinary` transparency counts as a colour channel, and
-    the grey 205 is unknown whatever `free_thresh`: every map saver writes it for that, while nav2's
+    compared with the two thresholds. In mode `trinary` transparency counts as a color channel, and
+    the gray 205 is unknown whatever `free_thresh`: every map saver writes it for that, while nav2's
     own default of 0.25 would call it free. In mode `scale` transparent pixels are unknown. In mode
     `raw` a pixel of 0 to 100 is the occupancy in percent and any other is unknown.
 
@@ -158,13 +158,13 @@ def read_map(path: str | Path) -> OccupancyMap:
 
 
 _FINEST, _COARSEST = 1e-4, 1e3
-"""Cells that a map of a place can have, metres."""
+"""Cells that a map of a place can have, meters."""
 _FARTHEST = 1e8
-"""Farther than any place on earth is from the origin of its coordinates, metres."""
+"""Farther than any place on earth is from the origin of its coordinates, meters."""
 
 
 def _occupancy(
-    image: GreyImage, mode: str, negate: bool
+    image: GrayImage, mode: str, negate: bool
 ) -> tuple[Float64[np.ndarray, "H W"], Bool[np.ndarray, "H W"]]:
     """Occupancy in [0, 1] and where it is known."""
     shade, alpha = image
@@ -216,7 +216,7 @@ def _number(path: Path, entries: Mapping[str, Any], key: str, default: float | N
 
 def _check_geometry(path: Path, resolution: float, origin: tuple[float, ...]) -> None:
     if not (math.isfinite(resolution) and resolution > 0):
-        raise MapError(f"{path}: resolution is {resolution!r}: expected metres per cell, above 0")
+        raise MapError(f"{path}: resolution is {resolution!r}: expected meters per cell, above 0")
     if not _FINEST <= resolution <= _COARSEST:
         raise MapError(
             f"{path}: resolution is {resolution:g} m per cell: expected {_FINEST:g} to {_COARSEST:g}"

@@ -17,7 +17,7 @@ _NUM_GAPS = 3
 _GAP_PERIODS = 3.0
 
 
-def summarise(log: SensorLog) -> str:
+def summarize(log: SensorLog) -> str:
     """Describes a log in plain text of at most 100 columns.
 
     For every track: number of messages, duration, rate, gaps; of the scans also beams, field of

@@ -20,7 +20,7 @@ def write_tum(
     Args:
         path: file to write; an existing one is replaced.
         stamps: `[M]` seconds, written with microseconds.
-        poses: `[M, 3]` x m, y m, theta rad, written to a micrometre and 1e-9 in the quaternion.
+        poses: `[M, 3]` x m, y m, theta rad, written to a micrometer and 1e-9 in the quaternion.
         comment: text for the head of the file; each of its lines becomes a comment.
 
     Raises:

@@ -15,7 +15,7 @@ class ScanPoints(eqx.Module):
     """Where the beams of one scan ended.
 
     Attributes:
-        points: `[B, 2]` metres, base frame; the lidar's own position where a beam is not valid.
+        points: `[B, 2]` meters, base frame; the lidar's own position where a beam is not valid.
         valid: `[B]` whether the beam returned.
         normals: `[B, 2]` across the wall that was hit, of either sign; zero where that is not known.
     """
@@ -26,7 +26,7 @@ class ScanPoints(eqx.Module):
 
 
 def wall_jacobian(ends: ScanPoints, heading: Float[Array, ""]) -> Float[Array, "3 B"]:
-    """How far each end point moves across its wall for a metre along x, along y, and a radian.
+    """How far each end point moves across its wall for a meter along x, along y, and a radian.
 
     Zero where no wall is known.
 

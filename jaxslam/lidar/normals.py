@@ -1,13 +1,13 @@
-"""Which way the walls face that a scan saw, from its own neighbouring end points."""
+"""Which way the walls face that a scan saw, from its own neighboring end points."""
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 _REACH = 4
-"""Neighbours looked at on either side."""
+"""Neighbors looked at on either side."""
 _NEAR = 0.3
-"""Neighbours within this distance are taken for the same wall, metres."""
+"""Neighbors within this distance are taken for the same wall, meters."""
 _LONGEST_GAP = 1.5
 """The adjoining ones count farther off too, as along a far wall, if both lie about as far: up to here."""
 _LARGEST_RATIO = 2.0
@@ -19,14 +19,14 @@ _FLATNESS = 0.1
 def surface_normals(points: Float[Array, "B 2"], valid: Bool[Array, "B"]) -> Float[Array, "B 2"]:
     """Unit vector across the wall at each end point, of either sign.
 
-    The lesser principal axis of the point's neighbourhood.
+    The lesser principal axis of the point's neighborhood.
 
     Args:
-        points: `[B, 2]` metres, in the order of the beams.
+        points: `[B, 2]` meters, in the order of the beams.
         valid: `[B]` which of them are returns.
 
     Returns:
-        `[B, 2]`; zero where fewer than three points make a neighbourhood, or where that is not flat.
+        `[B, 2]`; zero where fewer than three points make a neighborhood, or where that is not flat.
     """
     num_beams = points.shape[0]
     step = points[1:] - points[:-1]
@@ -39,9 +39,9 @@ def surface_normals(points: Float[Array, "B 2"], valid: Bool[Array, "B"]) -> Flo
     far_wall = (longer < _LARGEST_RATIO * shorter) & (longer < _LONGEST_GAP)
 
     offset = np.arange(-_REACH, _REACH + 1)[:, None]
-    neighbour = np.arange(num_beams)[None, :] + offset
-    inside = (neighbour >= 0) & (neighbour < num_beams)
-    index = np.clip(neighbour, 0, num_beams - 1)
+    neighbor = np.arange(num_beams)[None, :] + offset
+    inside = (neighbor >= 0) & (neighbor < num_beams)
+    index = np.clip(neighbor, 0, num_beams - 1)
     across, up = jnp.moveaxis(points[index] - points[None], -1, 0)
     near = across * across + up * up < _NEAR * _NEAR
     near = near | ((np.abs(offset) == 1) & far_wall[None])

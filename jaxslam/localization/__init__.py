@@ -1,6 +1,6 @@
-"""Localisation in a known map: adaptive Monte-Carlo localisation and its parts."""
+"""Localization in a known map: adaptive Monte-Carlo localization and its parts."""
 
-from jaxslam.localization.amcl import AMCL, Agreement, AMCLInfo, AMCLState, run
+from jaxslam.localization.amcl import AMCL, Agreement, AMCLInfo, AMCLState
 from jaxslam.localization.cluster import Cluster, Clustering
 from jaxslam.localization.kld import Bins, KLDSampling
 from jaxslam.localization.recovery import Averages, Recovery
@@ -18,5 +18,4 @@ __all__ = [
     "Clustering",
     "KLDSampling",
     "Recovery",
-    "run",
 ]

@@ -1,4 +1,4 @@
-"""Adaptive Monte-Carlo localisation: where a robot is on a known map, mine (8)–(15)."""
+"""Adaptive Monte-Carlo localization: where a robot is on a known map, mine (8)–(15)."""
 
 from functools import partial
 from typing import Any
@@ -35,7 +35,7 @@ class AMCLState(eqx.Module):
 
     Attributes:
         poses: `[N, 3]` base poses (m, m, rad, world frame); those from `num_particles` on mean nothing.
-        log_weights: `[N]` normalised log-weights; −inf from `num_particles` on.
+        log_weights: `[N]` normalized log-weights; −inf from `num_particles` on.
         num_particles: how many particles there are now, int32.
         averages: of the scans' likelihood.
         converged: whether the particles agreed after the last step.
@@ -82,8 +82,8 @@ class Agreement(eqx.Module):
 
     Attributes:
         min_weight: share of the belief that the heaviest cluster must have, 0 to 1.
-        max_deviation: and at most this standard deviation in position, metres.
-        near: a beam fits the map if it ends within so many metres of an obstacle.
+        max_deviation: and at most this standard deviation in position, meters.
+        near: a beam fits the map if it ends within so many meters of an obstacle.
         lost_below: share of the beams that fit under which the estimate is taken to be wrong.
     """
 
@@ -97,12 +97,12 @@ class Agreement(eqx.Module):
 
 
 class AMCL(eqx.Module):
-    """Monte-Carlo localisation with an adaptive number of particles.
+    """Monte-Carlo localization with an adaptive number of particles.
 
     Pass it to `jax.jit` as an argument: its floats are traced, its sizes static. The particle set has room
-    for `max_particles`; those that active come first. A step works on the smallest of four sizes of set that
-    holds the active ones, and resampling makes at most the next larger one of it: from 500 to 100 000 particles
-    it takes three steps, after a kidnapping, say.
+    for `max_particles`; the active ones come first. A step works on the smallest of four set sizes that holds
+    the active particles, and resampling grows the set by at most one size: from 500 to 100 000 particles, for
+    example after a kidnapping, it takes three steps.
 
     Attributes:
         map: the known map.
@@ -167,15 +167,6 @@ class AMCL(eqx.Module):
             converged=jnp.asarray(False),
             num_steps=jnp.zeros((), jnp.int32),
         )
-
-    def blank_infos(self, num_steps: int) -> AMCLInfo:
-        """Room for the infos of so many steps, stacked over time; zeros."""
-        whole, number = jnp.zeros(num_steps, jnp.int32), jnp.zeros(num_steps, jnp.float32)
-        no = jnp.zeros(num_steps, bool)
-        cluster = Cluster(
-            jnp.zeros((num_steps, 3), jnp.float32), jnp.zeros((num_steps, 3, 3), jnp.float32), number
-        )
-        return AMCLInfo(cluster, whole, whole, number, no, no, no, number, whole)
 
     def step(self, key: PRNGKeyArray, state: AMCLState, inputs: StepInputs) -> tuple[AMCLState, AMCLInfo]:
         """Move, weigh, estimate, and draw as many particles as the belief needs."""
@@ -325,19 +316,3 @@ def _keep(
     room = jnp.zeros((count, 3), jnp.float32).at[:size].set(poses)
     weights = jnp.full(count, -jnp.inf, jnp.float32).at[:size].set(log_weights)
     return num_particles, room, weights, jnp.zeros((), jnp.int32)
-
-
-def run(amcl: AMCL, key: PRNGKeyArray, state: AMCLState, inputs: StepInputs) -> tuple[AMCLState, AMCLInfo]:
-    """A whole log as one `lax.scan`.
-
-    Args:
-        amcl: the filter.
-        key: PRNG key; step `t` uses `fold_in(key, t)`.
-        state: from `init` or `init_global`.
-        inputs: leaves stacked over time, `[T, ...]`.
-    """
-
-    def step(state: AMCLState, inputs: StepInputs) -> tuple[AMCLState, AMCLInfo]:
-        return amcl.step(jax.random.fold_in(key, state.num_steps), state, inputs)
-
-    return jax.lax.scan(step, state, inputs)

@@ -24,7 +24,7 @@ class Cluster(eqx.Module):
 
     @property
     def deviation(self) -> Float[Array, "*batch"]:
-        """Standard deviation of the position: root of the sum of both variances, metres."""
+        """Standard deviation of the position: root of the sum of both variances, meters."""
         return jnp.sqrt(self.covariance[..., 0, 0] + self.covariance[..., 1, 1])
 
 
@@ -50,7 +50,7 @@ class Clustering(eqx.Module):
     The mean over all particles would lie between two rooms that look alike, where the robot is not.
 
     Attributes:
-        reach: particles within so many metres of the mean belong to the cluster.
+        reach: particles within so many meters of the mean belong to the cluster.
         reach_rotation: and within so many radians.
         num_shifts: of the window (static).
     """
@@ -69,7 +69,7 @@ class Clustering(eqx.Module):
 
         Args:
             poses: `[N, 3]` (m, m, rad, world frame).
-            weights: `[N]` normalised; 0 for those that do not count.
+            weights: `[N]` normalized; 0 for those that do not count.
             start: `[3]` in or near the cluster, such as its heaviest particle.
         """
 

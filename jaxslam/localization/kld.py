@@ -13,7 +13,7 @@ class Bins(eqx.Module):
     """A grid over poses, to count where particles are.
 
     Attributes:
-        translation: side of a bin, metres.
+        translation: side of a bin, meters.
         num_headings: bins around the circle (static).
         rows: bins along y (static).
         columns: bins along x (static).
@@ -30,7 +30,7 @@ class Bins(eqx.Module):
 
         Args:
             map: the map.
-            translation: side of a bin, metres.
+            translation: side of a bin, meters.
             rotation: width of a bin, radians; made a whole part of the circle.
         """
         height, width = map.shape

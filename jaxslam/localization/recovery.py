@@ -1,4 +1,4 @@
-"""Augmented Monte-Carlo localisation: random particles when the scans fit worse than they used to."""
+"""Augmented Monte-Carlo localization: random particles when the scans fit worse than they used to."""
 
 import equinox as eqx
 import jax.numpy as jnp

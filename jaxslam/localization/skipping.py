@@ -16,7 +16,7 @@ class BeamSkipping(eqx.Module):
     Only once the particles agree: before that most of them are elsewhere.
 
     Attributes:
-        near: a beam agrees with the map if it ends within so many metres of an obstacle.
+        near: a beam agrees with the map if it ends within so many meters of an obstacle.
         min_share: beams that agree for a smaller share of the particles are left out.
         max_skipped: where more than this share of the beams would be left out, none is: then the particles
             are wrong and not the beams.

@@ -18,7 +18,7 @@ def start_at(
         amcl: the filter.
         key: PRNG key.
         pose: m, m, rad, world frame.
-        deviations: standard deviation of x and y, metres, and of the heading, radians.
+        deviations: standard deviation of x and y, meters, and of the heading, radians.
 
     Raises:
         ValueError: the start is not on the map, or not in its free space.

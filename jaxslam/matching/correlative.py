@@ -19,7 +19,7 @@ class CorrelativeSearch(eqx.Module):
     The score of a pose is the sum over beams of exp(−d²/2σ²) times `beam_score` plus the prior's log.
 
     Attributes:
-        reach: half the side of the searched square, metres.
+        reach: half the side of the searched square, meters.
         reach_rotation: half the searched angle, radians.
         sigma_cells: σ, cells of the level that is searched.
         beam_score: what one beam on an obstacle is worth against the prior, nats.
@@ -65,17 +65,17 @@ class CorrelativeSearch(eqx.Module):
         self,
         level: DistanceField,
         ends: ScanPoints,
-        centre: Float[Array, "3"],
+        center: Float[Array, "3"],
         prior: PosePrior,
         lattice: Float[Array, "headings offsets 3"],
         share: float,
     ) -> Float[Array, "3"]:
-        """Highest-scoring of centre + lattice, one heading at a time so that memory stays small."""
+        """Highest-scoring of center + lattice, one heading at a time so that memory stays small."""
 
         def heading(
             offsets: Float[Array, "offsets 3"],
         ) -> tuple[Float[Array, ""], Float[Array, "3"]]:
-            poses = centre[None] + offsets
+            poses = center[None] + offsets
 
             def score(pose: Float[Array, "3"]) -> Float[Array, ""]:
                 squared, unseen = level.look_up(se2.apply(pose, ends.points))

@@ -33,18 +33,18 @@ class PosePrior(eqx.Module):
 
 
 class GaussNewton(eqx.Module):
-    r"""Minimises $\sum_k w_k e_k^2 / s^2$ plus the prior's quadratic.
+    r"""Minimizes $\sum_k w_k e_k^2 / s^2$ plus the prior's quadratic.
 
-    $e_k$ is the distance of an end point from the nearest obstacle, across the wall that its neighbours in
+    $e_k$ is the distance of an end point from the nearest obstacle, across the wall that its neighbors in
     the scan show (point to line), or straight where they show none. $w_k$ = exp(−d²/2σ²), times
     `point_weight` for those without a wall, over 1 + (range / `half_range`)².
 
     Attributes:
         sigma_cells: σ, width of the basin, cells of the field it runs on.
-        residual_scale: s, metres that count as much as one standard deviation of the prior.
+        residual_scale: s, meters that count as much as one standard deviation of the prior.
         point_weight: what an end point without a wall counts for: the way to its nearest obstacle is
             often one along a wall.
-        half_range: range at which an end point counts half, metres.
+        half_range: range at which an end point counts half, meters.
         max_step_cells: a step is shortened to this many cells.
         max_step_rotation: and to this many radians.
         num_iterations: always this many (static).
@@ -71,7 +71,7 @@ class GaussNewton(eqx.Module):
         """Pose `[3]` after the iterations from `start`; the caller compares scores."""
 
         def iterate(_: Int[Array, ""], pose: Float[Array, "3"]) -> Float[Array, "3"]:
-            normal, gradient = self._linearise(field, ends, pose)
+            normal, gradient = self._linearize(field, ends, pose)
             normal = normal + prior.precision + DAMPING * jnp.eye(3, dtype=jnp.float32)
             gradient = gradient + prior.precision @ _offset(pose, prior.mean)
             step = solve_symmetric(normal, gradient)
@@ -82,7 +82,7 @@ class GaussNewton(eqx.Module):
         pose = jax.lax.fori_loop(0, self.num_iterations, iterate, start)
         return pose.at[2].set(se2.wrap(pose[2]))
 
-    def _linearise(
+    def _linearize(
         self, field: DistanceField, ends: ScanPoints, pose: Float[Array, "3"]
     ) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
         """Normal matrix JᵀWJ / s² and right-hand side −JᵀWe / s²."""

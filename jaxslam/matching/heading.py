@@ -52,7 +52,7 @@ class HeadingSearch(eqx.Module):
         Args:
             level: the field to search, best a coarse one.
             ends: the scan.
-            position: `[2]` where the robot stands, metres; it is not changed.
+            position: `[2]` where the robot stands, meters; it is not changed.
             heading: predicted, radians.
             sigma: its standard deviation, radians.
         """

@@ -19,7 +19,7 @@ class Alignment(eqx.Module):
 
     Attributes:
         pose: `[3]` (m, m, rad), in the frame of the target.
-        error: root mean square distance of the points kept from their partners, metres; infinite where
+        error: root mean square distance of the points kept from their partners, meters; infinite where
             there were none.
         covariance: `[3, 3]` of the pose: the residuals' variance times the inverse of what the walls seen
             say about it, so that it is long where they say little, as along a corridor.
@@ -35,7 +35,7 @@ class Alignment(eqx.Module):
 
 
 class ICP(eqx.Module):
-    r"""Minimises $E(R,T)=\frac1{n_C}\sum\|l_i-Rc_i-T\|^2$, tobacco (13)–(15).
+    r"""Minimizes $E(R,T)=\frac1{n_C}\sum\|l_i-Rc_i-T\|^2$, tobacco (13)–(15).
 
     Partners $l_i$ of the points $c_i$: the nearest obstacle of the map, from the gradient of its distance
     field, first of the coarse one and then of the fine one. Pairs much farther apart than the others are
@@ -43,14 +43,14 @@ class ICP(eqx.Module):
 
     Attributes:
         trim: pairs farther apart than so many times the mean distance of all are left out.
-        least_trim: but none nearer than this, metres.
+        least_trim: but none nearer than this, meters.
         point_weight: what an end point without a wall counts for.
-        half_range: range at which an end point counts half, metres.
+        half_range: range at which an end point counts half, meters.
         relaxation: factor on every step, under 2. The points on one wall hold back those on another, so a
             step of the plain algorithm, 1, goes only part of the way.
-        tolerance: converged when a step is shorter than this, metres, and turns by less than as many
+        tolerance: converged when a step is shorter than this, meters, and turns by less than as many
             radians.
-        across_walls: partners on the map lie straight across the wall that a point's neighbours show, and not
+        across_walls: partners on the map lie straight across the wall that a point's neighbors show, and not
             at the nearest obstacle, which at the end of what the map knows would draw the scan back (static).
         coarse_iterations: iterations on the coarse field (static); then
         num_iterations: on the fine one (static). A particle that has converged stays where it is.
@@ -174,8 +174,8 @@ def rigid_fit(
     sums of dot and cross products about the centroids. With no weight at all the pose is the identity.
 
     Args:
-        points: `[B, 2]` metres.
-        partners: `[B, 2]` metres, in the frame that the pose is given in.
+        points: `[B, 2]` meters.
+        partners: `[B, 2]` meters, in the frame that the pose is given in.
         weights: `[B]` ≥ 0.
     """
     # Far from the world's origin the products would lose their digits.
@@ -195,13 +195,13 @@ def rigid_fit(
         )
     )
     total = jnp.maximum(total, _EMPTY)
-    centre = jnp.stack([sum_from_x, sum_from_y]) / total
+    center = jnp.stack([sum_from_x, sum_from_y]) / total
     target = jnp.stack([sum_to_x, sum_to_y]) / total
-    cosine = dot - total * (centre[0] * target[0] + centre[1] * target[1])
-    sine = cross - total * (centre[0] * target[1] - centre[1] * target[0])
+    cosine = dot - total * (center[0] * target[0] + center[1] * target[1])
+    sine = cross - total * (center[0] * target[1] - center[1] * target[0])
     # Where everything lies in one point, no angle is better than another.
     angle = jnp.where((cosine == 0.0) & (sine == 0.0), 0.0, jnp.arctan2(sine, cosine))
-    place = target - se2.rotate_all(angle, centre) + jnp.where(total > _EMPTY, origin, 0.0)
+    place = target - se2.rotate_all(angle, center) + jnp.where(total > _EMPTY, origin, 0.0)
     return jnp.append(place, se2.wrap(angle))
 
 
@@ -211,6 +211,6 @@ def _covariance(
     """Residual variance times the inverse information of the walls: only across them is a pose known."""
     rows = wall_jacobian(ends, pose[2])
     information = (rows * weights[None]) @ rows.T
-    # A metre and a radian are as good as nothing known.
+    # A meter and a radian are as good as nothing known.
     floor = jnp.maximum(variance, 1e-6)
     return inverse_symmetric(information / floor + jnp.eye(3, dtype=jnp.float32))

@@ -1,4 +1,4 @@
-"""Fruit-fly optimisation: the standard swarm and the improved one of the first paper."""
+"""Fruit-fly optimization: the standard swarm and the improved one of the first paper."""
 
 from collections.abc import Callable
 
@@ -61,7 +61,7 @@ class _Draws(eqx.Module):
 
 
 class FruitFlies(eqx.Module):
-    r"""Maximises a fitness with a swarm.
+    r"""Maximizes a fitness with a swarm.
 
     Each generation the flies fly off, $x_k = x_{k-1} + \text{step}$ (tobacco 17), and where the best of them
     beats all before, the whole swarm goes to it. The step is uniform in ±scale; with `exponential` it is
@@ -121,7 +121,7 @@ class FruitFlies(eqx.Module):
         """How often the fitness is asked for, the start's included."""
         return 1 + self.num_generations * self.num_flies * (2 if self.improved else 1)
 
-    def maximise(
+    def maximize(
         self,
         fitness: Fitness,
         key: PRNGKeyArray,
@@ -152,7 +152,7 @@ class FruitFlies(eqx.Module):
         swarm, flights = self._fly(jax.vmap(fitness), key, swarm, scale, lower[None], upper[None])
         return SwarmResult(swarm.best, swarm.best_fitness, flights.leader)
 
-    def maximise_each(
+    def maximize_each(
         self,
         fitness: Callable[[Float[Array, "P D"]], Float[Array, "P"]],
         key: PRNGKeyArray,

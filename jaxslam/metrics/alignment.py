@@ -52,7 +52,7 @@ def align_se2(
 ) -> Float[np.ndarray, "3"]:
     """The rigid motion that brings an estimate closest to its reference, in least squares.
 
-    Only positions count. The plane has a closed form: the centred sums of dot and cross products
+    Only positions count. The plane has a closed form: the centered sums of dot and cross products
     are proportional to the cosine and the sine of the rotation.
 
     Args:

@@ -47,7 +47,7 @@ def match_features(
         reference: the true map, best one that was built from known poses: the corners of a drawing are not
             those of a map.
         estimate: on cells of the same size.
-        tolerance: how far matched features may lie apart after the motion, metres.
+        tolerance: how far matched features may lie apart after the motion, meters.
         seed: of RANSAC's samples.
 
     Raises:
@@ -86,7 +86,7 @@ def match_features(
 
 
 def _features(known: BinaryMap) -> tuple[Float64[np.ndarray, "F 2"], Bool[np.ndarray, "F D"]]:
-    """Places `[F, 2]` in metres, world frame, and descriptors of a map's features."""
+    """Places `[F, 2]` in meters, world frame, and descriptors of a map's features."""
     from skimage.feature import ORB
 
     detector = ORB(n_keypoints=_NUM_FEATURES, fast_threshold=0.05)
@@ -100,7 +100,7 @@ def _features(known: BinaryMap) -> tuple[Float64[np.ndarray, "F 2"], Bool[np.nda
 
 
 def _picture(known: BinaryMap) -> Float32[np.ndarray, "H W"]:
-    """Black walls on white, grey where nothing is known, slightly blurred."""
+    """Black walls on white, gray where nothing is known, slightly blurred."""
     from skimage.filters import gaussian
 
     levels = np.where(known.occupied, 0.0, np.where(known.free, 1.0, _UNKNOWN)).astype(np.float32)

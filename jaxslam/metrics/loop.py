@@ -16,7 +16,7 @@ class LoopClosure:
     Attributes:
         closed: whether path and map agree there, by the thresholds given.
         revisits: pairs of poses that truly lie in one place, the second after a loop.
-        position_error: median over them of how far the one is off, seen from the other, metres.
+        position_error: median over them of how far the one is off, seen from the other, meters.
         heading_error: and how much it is turned, radians.
         walls_once: share of the walls mapped there that lie where one wall truly is.
     """
@@ -55,14 +55,14 @@ def loop_closed(
         estimate: `[T, 3]` the final trajectory at the same stamps.
         reference: the true map, in the frame of the true poses.
         mapped: the final map, in the frame of the estimate.
-        near: poses nearer than this are one place, metres.
-        loop: and a path at least so long between them is a loop, metres.
-        last: of the second visits those within so much path of the last one count, metres: by then the
+        near: poses nearer than this are one place, meters.
+        loop: and a path at least so long between them is a loop, meters.
+        last: of the second visits those within so much path of the last one count, meters: by then the
             filter has had time to notice.
-        reach: how far round them the map is looked at, metres.
-        max_position_error: metres, in the median.
+        reach: how far round them the map is looked at, meters.
+        max_position_error: meters, in the median.
         max_heading_error: radians, in the median.
-        wall_tolerance: a wall lies on a true one within this, metres.
+        wall_tolerance: a wall lies on a true one within this, meters.
         min_walls_once: share of the walls.
 
     Raises:
@@ -116,7 +116,7 @@ def _walls_once(
     tolerance: float,
 ) -> float:
     """Share of the occupied cells near the poses that lie on a true wall, each laid by its nearest pose."""
-    cells = _centres(mapped)
+    cells = _centers(mapped)
     distance = np.stack([np.hypot(*(cells - pose[:2]).T) for pose in estimate])
     within = distance.min(axis=0) <= reach
     if not within.any():
@@ -124,7 +124,7 @@ def _walls_once(
     pose, cells = np.argmin(distance, axis=0)[within], cells[within]
     seen = se2.relative(estimate[pose], np.pad(cells, ((0, 0), (0, 1))))
     places = se2.compose(truth[pose], seen)[:, :2]
-    walls = _centres(reference)
+    walls = _centers(reference)
     # Walls farther off than the tolerance do not count.
     low, high = places.min(axis=0) - tolerance, places.max(axis=0) + tolerance
     walls = walls[np.all((walls >= low) & (walls <= high), axis=1)]
@@ -132,7 +132,7 @@ def _walls_once(
     return float(np.mean(on_a_wall))
 
 
-def _centres(known: BinaryMap) -> Float64[np.ndarray, "C 2"]:
-    """Centres of the occupied cells, metres."""
+def _centers(known: BinaryMap) -> Float64[np.ndarray, "C 2"]:
+    """Centers of the occupied cells, meters."""
     rows, columns = np.nonzero(known.occupied)
     return (np.stack([columns, rows], axis=1) + 0.5) * known.resolution + np.asarray(known.origin, np.float64)

@@ -23,8 +23,8 @@ class BinaryMap:
     Attributes:
         occupied: `[H, W]` true where there is an obstacle.
         free: `[H, W]` true where it is known that there is none.
-        resolution: side of a cell, metres.
-        origin: `[2]` world position of the lower-left corner of cell (0, 0), metres.
+        resolution: side of a cell, meters.
+        origin: `[2]` world position of the lower-left corner of cell (0, 0), meters.
     """
 
     occupied: Bool[np.ndarray, "_ _"]
@@ -42,9 +42,9 @@ class BinaryMap:
             count = int((self.occupied & self.free).sum())
             raise ValueError(f"{count} cells are both occupied and free: a cell is one or neither")
         if not (np.isfinite(self.resolution) and self.resolution > 0):
-            raise ValueError(f"resolution is {self.resolution}: give a positive number of metres")
+            raise ValueError(f"resolution is {self.resolution}: give a positive number of meters")
         if not np.isfinite(self.origin).all():
-            raise ValueError(f"origin is {self.origin}: give finite metres")
+            raise ValueError(f"origin is {self.origin}: give finite meters")
 
     @classmethod
     def from_probability(
@@ -59,8 +59,8 @@ class BinaryMap:
 
         Args:
             probability: `[H, W]` probability that a cell is occupied; NaN where unknown.
-            resolution: side of a cell, metres.
-            origin: `[2]` world position of the lower-left corner, metres.
+            resolution: side of a cell, meters.
+            origin: `[2]` world position of the lower-left corner, meters.
             occupied_threshold: cells above it are occupied.
             free_threshold: cells below it are free.
 
@@ -116,14 +116,14 @@ def map_score(
 ) -> MapScore:
     """Precision, recall, F1 and IoU of occupied cells, and IoU of free cells.
 
-    Occupied cells of the estimate travel as points, their centres, so that one-cell walls survive a
+    Occupied cells of the estimate travel as points, their centers, so that one-cell walls survive a
     rotation; free space is looked up the other way, so that it gets no holes.
 
     Args:
         reference: the known map.
         estimate: the map to score.
-        tolerance_m: an occupied cell is matched if the other map has one whose centre is at most
-            this far, metres. 0 asks for the same cell.
+        tolerance_m: an occupied cell is matched if the other map has one whose center is at most
+            this far, meters. 0 asks for the same cell.
         pose_reference_estimate: `[3]` pose of the estimate's world frame in the reference's (m, m,
             rad), e.g. from `align_se2` of the trajectories; None for the identity.
         mask: `[H, W]` reference cells that count. None counts every cell, and what the estimate
@@ -184,9 +184,9 @@ def _check(
     mask: Bool[np.ndarray, "_ _"] | None,
 ) -> None:
     if not (np.isfinite(tolerance_m) and tolerance_m >= 0):
-        raise ValueError(f"tolerance_m is {tolerance_m}: give a number of metres that is >= 0")
+        raise ValueError(f"tolerance_m is {tolerance_m}: give a number of meters that is >= 0")
     if not np.isfinite(pose).all():
-        raise ValueError(f"pose_reference_estimate is {pose}: give finite metres and radians")
+        raise ValueError(f"pose_reference_estimate is {pose}: give finite meters and radians")
     if mask is not None and mask.shape != reference.occupied.shape:
         raise ValueError(
             f"mask has shape {mask.shape} but the reference map {reference.occupied.shape}: "
@@ -221,8 +221,8 @@ def _free_iou(
     union = int(((free_estimate | reference.free) & counts).sum())
     outside = 0.0
     if count_outside:
-        centres = (np.argwhere(estimate.free)[:, ::-1] + 0.5) * estimate.resolution
-        moved = (centres + estimate.origin) @ _rotation(pose[2]).T + pose[:2]
+        centers = (np.argwhere(estimate.free)[:, ::-1] + 0.5) * estimate.resolution
+        moved = (centers + estimate.origin) @ _rotation(pose[2]).T + pose[:2]
         extent = np.array(counts.shape)[::-1] * reference.resolution
         relative = moved - reference.origin
         beyond = ((relative < 0) | (relative >= extent)).any(axis=1).sum()
@@ -236,7 +236,7 @@ def _lookup(
     target: BinaryMap,
     pose_target_source: Float[np.ndarray, "3"],
 ) -> Bool[np.ndarray, "H W"]:
-    """Value of the source cell under each centre of a target cell; false outside the source."""
+    """Value of the source cell under each center of a target cell; false outside the source."""
     height, width = target.occupied.shape
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     points = np.stack([x, y], axis=-1) * target.resolution + target.origin
@@ -249,7 +249,7 @@ def _lookup(
 
 
 def _dilate(cells: Bool[np.ndarray, "H W"], radius: float) -> Bool[np.ndarray, "H W"]:
-    """Cells within `radius` cells (Euclidean, centre to centre) of a true cell."""
+    """Cells within `radius` cells (Euclidean, center to center) of a true cell."""
     height, width = cells.shape
     reach = int(radius + _SLACK)
     # Prefix sums along x answer "any true cell in this span" for every cell at once; one pass per

@@ -26,7 +26,7 @@ class RelationError:
     Attributes:
         n: relations used.
         n_unused: relations outside the time that the trajectory and the odometry cover.
-        trans_mean_m, trans_std_m, trans_max_m: of the translational errors, metres (ddof 0).
+        trans_mean_m, trans_std_m, trans_max_m: of the translational errors, meters (ddof 0).
         rot_mean_deg, rot_std_deg, rot_max_deg: of the absolute rotational errors, degrees.
         trans_squared_mean_m2: mean squared translational error, m².
         rot_squared_mean_deg2: mean squared rotational error, deg².
@@ -87,17 +87,17 @@ def relation_errors(
             f"trajectory ({_span(stamps)}) and the odometry ({_span(odometry_stamps)}): "
             "check that they belong to the same log and clock"
         )
-    metres, degrees = translation[used], np.rad2deg(rotation[used])
+    meters, degrees = translation[used], np.rad2deg(rotation[used])
     return RelationError(
         n=int(used.sum()),
         n_unused=int((~used).sum()),
-        trans_mean_m=float(metres.mean()),
-        trans_std_m=float(metres.std()),
-        trans_max_m=float(metres.max()),
+        trans_mean_m=float(meters.mean()),
+        trans_std_m=float(meters.std()),
+        trans_max_m=float(meters.max()),
         rot_mean_deg=float(degrees.mean()),
         rot_std_deg=float(degrees.std()),
         rot_max_deg=float(degrees.max()),
-        trans_squared_mean_m2=float(np.mean(metres**2)),
+        trans_squared_mean_m2=float(np.mean(meters**2)),
         rot_squared_mean_deg2=float(np.mean(degrees**2)),
     )
 
@@ -114,7 +114,7 @@ def relation_residuals(
     """Error of every relation, to find the ones that went wrong. Arguments as `relation_errors`.
 
     Returns:
-        `[R]` translational errors in metres and `[R]` absolute rotational errors in radians, NaN
+        `[R]` translational errors in meters and `[R]` absolute rotational errors in radians, NaN
         where a relation is not used.
 
     Raises:

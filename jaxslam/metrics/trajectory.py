@@ -18,7 +18,7 @@ class TrajectoryError:
     """Error statistics of one trajectory.
 
     Attributes:
-        rmse_m, mean_m, std_m, max_m: of the position errors, metres (std with ddof 0).
+        rmse_m, mean_m, std_m, max_m: of the position errors, meters (std with ddof 0).
         rot_rmse_deg: root mean square of the heading errors, degrees.
         n: matched poses (ATE) or pose pairs (RPE).
     """
@@ -37,7 +37,7 @@ class PoseErrors:
 
     Attributes:
         stamps: `[n]` reference stamps, seconds.
-        position_m: `[n]` distance to the reference, metres.
+        position_m: `[n]` distance to the reference, meters.
         heading_rad: `[n]` heading minus the reference's, radians in [−π, π).
     """
 

@@ -32,15 +32,17 @@ def build_slam(
 
     Args:
         config: see there.
-        odometry_bounds: `[2, 2]` lower and upper corner of the odometry's path, metres.
+        odometry_bounds: `[2, 2]` lower and upper corner of the odometry's path, meters.
         range_network: corrects the ranges of every scan.
 
     Raises:
         ValueError: the maps would not fit into memory.
 
     Example:
-        A path of 10 × 5 m, margin 12 m and 0.3 per metre, usable range 8 m, cells of 5 cm: 56 × 51 m.
+        A path of 10 × 5 m, margin 12 m and 0.3 per meter, usable range 8 m, cells of 5 cm: 56 × 51 m.
     """
+    if config.lidar is None:
+        raise ValueError('config.lidar is None: give one, for example config.with_lidar("sick")')
     reach, resolution = float(config.lidar.usable_range), float(config.map.resolution)
     longer_side = float(np.max(odometry_bounds[1] - odometry_bounds[0]))
     margin = float(config.map.margin) + float(config.map.margin_share) * longer_side

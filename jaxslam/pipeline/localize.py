@@ -1,4 +1,4 @@
-"""Localising a log in a map, and what that leaves."""
+"""Localizing a log in a map, and what that leaves."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _MOVED, _TURNED = 1.0, np.pi / 6
-"""An estimate that jumps so far, metres or radians, past what the odometry says has settled elsewhere."""
+"""An estimate that jumps so far, meters or radians, past what the odometry says has settled elsewhere."""
 
 _CLOUD_EVERY = 3
 """Scans between two clouds: particles move faster than a map grows."""
@@ -29,7 +29,7 @@ _CLOUD_EVERY = 3
 
 @dataclass(frozen=True)
 class Cloud:
-    """The particles during a localisation, for those who watch.
+    """The particles during a localization, for those who watch.
 
     Attributes:
         estimates: `[t, 3]` so far.
@@ -49,7 +49,7 @@ class Cloud:
 
 @dataclass(frozen=True)
 class LocalizationResult:
-    """What a localisation leaves behind.
+    """What a localization leaves behind.
 
     Attributes:
         scans: the scans that were used, and their configuration.
@@ -60,7 +60,7 @@ class LocalizationResult:
         all_poses: `[S, 3]` pose at every scan: the last processed one's, carried on by odometry. No later
             scan is looked at: it is what a robot would have known there and then.
         particles: `[n, 3]` those that live at the end.
-        weights: `[n]` of them, normalised.
+        weights: `[n]` of them, normalized.
         infos: what every step left behind, NumPy arrays `[T, ...]`.
         odometry: `[T, 3]` odometry pose at the processed scans.
         compile_s: seconds spent compiling; next to none if a run of the same sizes has been before.

@@ -236,7 +236,7 @@ def _raise_for_flags(infos: list[StepInfo], scans: PreparedScans) -> None:
         stamp = scans.stamps[step]
         raise SlamError(
             f"the robot reached the edge of the map at scan {scans.scan_index[step]} "
-            f"(t = {stamp:.3f} s): enlarge it with --map-margin (metres around the odometry's path)"
+            f"(t = {stamp:.3f} s): enlarge it with --map-margin (meters around the odometry's path)"
         )
 
 

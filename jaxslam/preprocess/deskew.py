@@ -20,12 +20,12 @@ _LONGEST_INTERVAL = 0.3
 _NUM_KNOTS = 9
 """Poses of the lidar looked up along a sweep."""
 _LEAST_TRANSLATION, _LEAST_ROTATION = 0.005, 0.003
-"""Scans during which the lidar moved less stay as they are: metres, radians."""
+"""Scans during which the lidar moved less stay as they are: meters, radians."""
 _LEAST_LAG = 0.06
 """A lag estimated to be nearer than this to what the log says is none, seconds: on simulated drives without
 one 0.02 to 0.03 are found."""
 _STEEPEST = np.tan(np.radians(5.0))
-"""Neighbouring end points on a line that their beams meet at a smaller angle are not on one wall."""
+"""Neighboring end points on a line that their beams meet at a smaller angle are not on one wall."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,7 +125,7 @@ def _seen_from_rest(
     """Ranges `[B]` read off from the origin, of beams shot from along a path.
 
     Args:
-        ranges: `[B]` metres, NaN where nothing came back.
+        ranges: `[B]` meters, NaN where nothing came back.
         path: `[B, 3]` pose of the lidar at each beam, from its pose at rest.
         first: angle of beam 0, radians.
         step: angle between beams, radians.

@@ -24,7 +24,7 @@ _MIN_RATE = 0.1
 _INTERVALS = (0.02, 0.5)
 """Shortest and longest time between the scans of a pair, seconds: over longer ones the rates blur."""
 _FAR = 5.0
-"""Ranges are cut off here, metres: what is far looks the same after a step."""
+"""Ranges are cut off here, meters: what is far looks the same after a step."""
 _STEP = 0.02
 """Lags tried are so far apart, seconds."""
 _MIN_CORRELATION = 0.75

@@ -13,10 +13,14 @@ from jaxslam.preprocess.deskew import SweepTiming, at_rest, sweep_timing
 class LidarRanges(Protocol):
     """The part of `LidarSettings` that the correction needs; this module imports no JAX."""
 
-    min_range: Any
-    max_range: Any
-    turn_time: Any
-    max_lag: Any
+    @property
+    def min_range(self) -> Any: ...  # noqa: D102
+    @property
+    def max_range(self) -> Any: ...  # noqa: D102
+    @property
+    def turn_time(self) -> Any: ...  # noqa: D102
+    @property
+    def max_lag(self) -> Any: ...  # noqa: D102
 
 
 def correct_scans(log: SensorLog, lidar: LidarRanges) -> tuple[SensorLog, SweepTiming | None]:

@@ -12,8 +12,8 @@ def wheel_odometry(joints: JointTrack, wheel_radius: float, track: float) -> Odo
 
     Args:
         joints: with one joint whose name holds "left" and one with "right", in radians.
-        wheel_radius: metres.
-        track: distance between the wheels, metres.
+        wheel_radius: meters.
+        track: distance between the wheels, meters.
 
     Raises:
         LogError: there is no such pair of joints.
@@ -21,7 +21,7 @@ def wheel_odometry(joints: JointTrack, wheel_radius: float, track: float) -> Odo
     """
     for name, value in (("wheel radius", wheel_radius), ("track", track)):
         if not value > 0:
-            raise ValueError(f"the {name} is {value} m: give a number of metres above 0")
+            raise ValueError(f"the {name} is {value} m: give a number of meters above 0")
     left, right = (_column(joints, side) for side in ("left", "right"))
     good = np.isfinite(left) & np.isfinite(right)
     stamps = joints.stamps[good]

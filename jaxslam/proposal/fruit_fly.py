@@ -43,7 +43,7 @@ class FruitFlyProposal(AbstractProposal):
     r"""Tobacco (12)–(18): ICP moves the draw into the likely region, a swarm finds the best pose there.
 
     The swarm's fitness is $\Gamma(x) = p(z|x,m)\,p(x|x_{t-1},u)$ on the particle's own map, with some of the
-    beams and without interpolation; its winner is taken if the sensor model agrees. An optimiser has no
+    beams and without interpolation; its winner is taken if the sensor model agrees. An optimizer has no
     density, so what the weight is made of is a choice, `weight`.
 
     Attributes:
@@ -53,11 +53,11 @@ class FruitFlyProposal(AbstractProposal):
         search: wider search, run where fewer than `lost_below` of the beams meet the map.
         prior: how much the motion model is trusted.
         prior_weight: what that prior counts for where candidates are compared.
-        step_translation: scale of a fly's step, metres.
+        step_translation: scale of a fly's step, meters.
         step_rotation: and in heading, radians.
-        reach_translation: flies stay within so many metres of where they set out, along x and y.
+        reach_translation: flies stay within so many meters of where they set out, along x and y.
         reach_rotation: and within so many radians.
-        sigma_hit: spread of end points around obstacles in the swarm's fitness, metres.
+        sigma_hit: spread of end points around obstacles in the swarm's fitness, meters.
         scan_score: what a scan whose beams all end on obstacles is worth in it, against the prior, nats.
         lost_below: share of valid beams near an obstacle, or where the map knows nothing, under which the
             match is not trusted.
@@ -142,7 +142,7 @@ class FruitFlyProposal(AbstractProposal):
         first = starts[0, 2]
         starts = starts.at[:, 2].set(first + se2.wrap(starts[:, 2] - first))
         key_flies = jax.random.fold_in(keys[0], 1)
-        found = self.flies.maximise_each(fitness, key_flies, starts, *self._steps_and_bounds(starts)).position
+        found = self.flies.maximize_each(fitness, key_flies, starts, *self._steps_and_bounds(starts)).position
         keys = jax.vmap(jax.random.fold_in, (0, None))(keys, 2)
 
         def finish(
@@ -177,7 +177,7 @@ class FruitFlyProposal(AbstractProposal):
         def fitness(pose: Float[Array, "3"]) -> Float[Array, ""]:
             return self._fitness(field, beams, prior, pose)
 
-        return self.flies.maximise(fitness, key, start, *self._steps_and_bounds(start)).position
+        return self.flies.maximize(fitness, key, start, *self._steps_and_bounds(start)).position
 
     def _align(self, key: PRNGKeyArray, pose: Float[Array, "3"], context: ProposalContext) -> _Aligned:
         """From a draw of the motion model into the likely region, tobacco (12)–(15)."""

@@ -19,12 +19,12 @@ from jaxslam.xla.control_flow import run_if
 class MatchedProposal(AbstractProposal):
     """Mode of p(z | x, m) p(x | x_drawn), where x_drawn is a draw from the motion model.
 
-    Each particle keeps its own draw as the prior's centre, so the particles stay spread where the scan
+    Each particle keeps its own draw as the prior's center, so the particles stay spread where the scan
     says nothing, as along a corridor, and agree where it does.
 
     Attributes:
         heading: which way to look first.
-        coarse: matcher on the coarse field, a basin of about a metre: one of the starts when lost.
+        coarse: matcher on the coarse field, a basin of about a meter: one of the starts when lost.
         fine: matcher on the map's own resolution, a basin of some 30 cm.
         search: wider search, run where fewer than `lost_below` of the beams meet the map.
         prior: how much the motion model is trusted.

@@ -52,10 +52,10 @@ class PosesAround(eqx.Module):
     `spread` across the walls they lie on, so that the cloud is long along a corridor and short across it.
 
     Attributes:
-        spread: Δ, how far the end points move across their walls, root mean square, metres.
-        reach_translation: and the pose at most where no wall holds it, metres.
+        spread: Δ, how far the end points move across their walls, root mean square, meters.
+        reach_translation: and the pose at most where no wall holds it, meters.
         reach_rotation: and in heading, radians.
-        least_translation: standard deviation that stays in position, metres.
+        least_translation: standard deviation that stays in position, meters.
         least_rotation: and in heading, radians.
         num_poses: K (static).
 

@@ -18,7 +18,7 @@ class PriorTrust(eqx.Module):
         translation: what its precision in position counts for, against that of the beams, which are not
             independent of each other either.
         rotation: and its precision in heading.
-        least_translation: standard deviation in position that it is taken to have at least, metres: what the
+        least_translation: standard deviation in position that it is taken to have at least, meters: what the
             map itself is off by. Odometry that is better than this would never be corrected by a scan.
         least_rotation: and in heading, radians.
     """

@@ -49,7 +49,7 @@ class Split:
 
         Args:
             readings: all of them.
-            held_out: distances to judge by, metres; None takes every fifth where there are ten or more.
+            held_out: distances to judge by, meters; None takes every fifth where there are ten or more.
 
         Raises:
             ValueError: a distance is none of the readings', or fewer than two are left to learn from.
@@ -96,7 +96,7 @@ class Attempt:
 
     Attributes:
         num_neurons: of the hidden layer.
-        rmse: in training and in validation, metres.
+        rmse: in training and in validation, meters.
         steps: until the best validation error.
     """
 
@@ -143,7 +143,7 @@ def learn(
     """Trains networks from several starts and keeps the one that validates best.
 
     Where nothing validates, only the mean reading of each distance is learnt: from so few of them a network
-    would learn the scatter of each as a step, and be decimetres off in between.
+    would learn the scatter of each as a step, and be decimeters off in between.
 
     Args:
         key: of the starts.

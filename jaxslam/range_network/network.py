@@ -16,7 +16,7 @@ share of the largest: smaller ones would make large weights that cancel each oth
 
 
 class RangeNetwork(eqx.Module):
-    """Corrects ranges. Normalisation is inside: in and out are metres.
+    """Corrects ranges. Normalization is inside: in and out are meters.
 
     Beyond the interval that it was trained on the correction of the interval's end is held: what tanh
     neurons say there is made up.
@@ -26,8 +26,8 @@ class RangeNetwork(eqx.Module):
         biases: `[H]` of the hidden layer.
         weights_out: `[H]` from it to the output.
         bias_out: of the output.
-        shortest: trained interval, metres.
-        longest: its end, metres.
+        shortest: trained interval, meters.
+        longest: its end, meters.
 
     References:
         The third paper, "ann": 50 tanh neurons, a linear output.
@@ -44,14 +44,14 @@ class RangeNetwork(eqx.Module):
     def draw(cls, key: PRNGKeyArray, num_neurons: int, shortest: float, longest: float) -> "RangeNetwork":
         """A network to start training from.
 
-        Neurons switch evenly over the interval, at steepnesses that make neighbours overlap (Nguyen and
+        Neurons switch evenly over the interval, at steepnesses that make neighbors overlap (Nguyen and
         Widrow 1990): with all of them in one place training ends early. Many of them are less steep than
         that, or they begin as a staircase.
 
         Args:
             key: draws where and how steep.
             num_neurons: H ≥ 1.
-            shortest: shortest range of the readings, metres.
+            shortest: shortest range of the readings, meters.
             longest: the longest, > `shortest`.
         """
         if num_neurons < 1:
@@ -85,16 +85,16 @@ class RangeNetwork(eqx.Module):
         return self.weights_in.shape[0]
 
     def __call__(self, ranges: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
-        """Corrected ranges, metres."""
+        """Corrected ranges, meters."""
         half = 0.5 * (self.longest - self.shortest)
         held = jnp.clip(ranges, self.shortest, self.longest)
-        normalised = jnp.vectorize(self._output)((held - self.shortest) / half - 1.0)
-        corrected = (normalised + 1.0) * half + self.shortest
+        normalized = jnp.vectorize(self._output)((held - self.shortest) / half - 1.0)
+        corrected = (normalized + 1.0) * half + self.shortest
         return ranges + (corrected - held)
 
-    def _output(self, normalised: Float[Array, ""]) -> Float[Array, ""]:
+    def _output(self, normalized: Float[Array, ""]) -> Float[Array, ""]:
         """Of the layers, −1 to 1 over the interval as the input is."""
-        return jnp.tanh(normalised * self.weights_in + self.biases) @ self.weights_out + self.bias_out
+        return jnp.tanh(normalized * self.weights_in + self.biases) @ self.weights_out + self.bias_out
 
     def correct(self, scan: LidarScan) -> LidarScan:
         """The scan with its ranges corrected; a beam that returned nothing stays so."""

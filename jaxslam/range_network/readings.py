@@ -13,7 +13,7 @@ from jaxslam.io import read_log
 
 _COLUMNS = ("true_m", "measured_m")
 _LONGEST = 500.0
-"""No 2D lidar sees farther, metres: such numbers are millimetres."""
+"""No 2D lidar sees farther, meters: such numbers are millimeters."""
 _REPEATED, _MORE = 5, 2
 """Columns are taken for exchanged where each reading comes that many times on average, and there are so many
 times as many distances as readings."""
@@ -24,8 +24,8 @@ class Readings:
     """What a lidar read, and what it should have.
 
     Attributes:
-        true: `[M]` distances of the wall, metres.
-        measured: `[M]` readings, metres.
+        true: `[M]` distances of the wall, meters.
+        measured: `[M]` readings, meters.
         num_lost: readings without a return, which are left out.
     """
 
@@ -41,7 +41,7 @@ class Readings:
 
     @property
     def distances(self) -> Float64[np.ndarray, "D"]:
-        """The different true distances, ascending, metres."""
+        """The different true distances, ascending, meters."""
         return np.unique(self.true)
 
     def where(self, chosen: Bool[np.ndarray, "M"]) -> "Readings":
@@ -67,8 +67,8 @@ def read_readings(source: str, *, bearing: float = 0.0) -> Readings:
     """Readings from a table or a recording.
 
     Args:
-        source: the path of a CSV file with the columns `true_m` and `measured_m`, metres; or `PATH:DISTANCE`,
-            a log of a robot that stands before a wall, and how far off that is, metres.
+        source: the path of a CSV file with the columns `true_m` and `measured_m`, meters; or `PATH:DISTANCE`,
+            a log of a robot that stands before a wall, and how far off that is, meters.
         bearing: of the beam that faces the wall, in the lidar's frame, radians.
 
     Raises:
@@ -80,7 +80,7 @@ def read_readings(source: str, *, bearing: float = 0.0) -> Readings:
         return read_wall_log(Path(path), float(distance), bearing=bearing)
     if Path(source).suffix.lower() != ".csv":
         raise ValueError(
-            f"{source}: give a table as FILE.csv, and a log with the distance of the wall in metres, "
+            f"{source}: give a table as FILE.csv, and a log with the distance of the wall in meters, "
             f"as {source}:1.5"
         )
     return read_readings_csv(Path(source))
@@ -89,7 +89,7 @@ def read_readings(source: str, *, bearing: float = 0.0) -> Readings:
 def read_wall_log(path: Path, distance: float, *, bearing: float = 0.0) -> Readings:
     """Readings of the one beam that faces a wall; see `read_readings`."""
     if not (math.isfinite(distance) and 0.0 < distance < _LONGEST):
-        raise ValueError(f"{path}: its wall is said to be {distance:g} m off: give metres, more than 0")
+        raise ValueError(f"{path}: its wall is said to be {distance:g} m off: give meters, more than 0")
     if not math.isfinite(bearing):
         raise ValueError(f"{path}: a bearing of {bearing:g}: give radians")
     scans = read_log(path).scans
@@ -124,7 +124,7 @@ def read_readings_csv(path: Path) -> Readings:
     if missing:
         raise ValueError(
             f"{path}: no column {' nor '.join(missing)} in its first line ({', '.join(header)}): "
-            f"give the columns {' and '.join(_COLUMNS)}, metres"
+            f"give the columns {' and '.join(_COLUMNS)}, meters"
         )
     twice = [name for name in _COLUMNS if header.count(name) > 1]
     if twice:
@@ -169,13 +169,13 @@ def _check_distances(
     bad = np.flatnonzero(~np.isfinite(true) | (true <= 0))
     if len(bad):
         raise ValueError(
-            f"{path}: line {lines[bad[0]]}: true_m is {true[bad[0]]:g}: give metres, more than 0 (a reading "
+            f"{path}: line {lines[bad[0]]}: true_m is {true[bad[0]]:g}: give meters, more than 0 (a reading "
             "may be lost, a distance not: are the columns exchanged?)"
         )
     far = np.flatnonzero(true > _LONGEST)
     if len(far):
         raise ValueError(
-            f"{path}: line {lines[far[0]]}: a wall {true[far[0]]:g} m off: are these millimetres? Give metres"
+            f"{path}: line {lines[far[0]]}: a wall {true[far[0]]:g} m off: are these millimeters? Give meters"
         )
 
 
@@ -184,7 +184,7 @@ def _with_returns(name: str, true: Float64[np.ndarray, "M"], measured: Float64[n
     if not returned.any():
         raise ValueError(f"{name}: none of its {len(measured)} readings is a distance")
     if float(np.median(measured[returned])) > _LONGEST:
-        raise ValueError(f"{name}: readings of {np.median(measured[returned]):g} m: are these millimetres?")
+        raise ValueError(f"{name}: readings of {np.median(measured[returned]):g} m: are these millimeters?")
     return Readings(true[returned], measured[returned], int(np.count_nonzero(~returned)))
 
 

@@ -24,8 +24,8 @@ class Rows(eqx.Module):
     The squared error summed over rows differs from that over single readings by a constant.
 
     Attributes:
-        measured: `[R]` metres.
-        true: `[R]` mean true distance of the readings, metres.
+        measured: `[R]` meters.
+        true: `[R]` mean true distance of the readings, meters.
         weight: `[R]` their share of all; the sum is 1.
         scatter: mean square of what the true distances are spread within rows, m²: the constant.
     """
@@ -42,9 +42,9 @@ class Rows(eqx.Module):
         """Rows of single readings.
 
         Args:
-            measured: `[M]` readings, metres, M ≥ 1.
-            true: `[M]` distances at which they were taken, metres.
-            resolution: readings that agree within this are one row, metres; a lidar's own is 1 mm.
+            measured: `[M]` readings, meters, M ≥ 1.
+            true: `[M]` distances at which they were taken, meters.
+            resolution: readings that agree within this are one row, meters; a lidar's own is 1 mm.
         """
         cells, row = np.unique(np.round(measured / resolution).astype(np.int64), return_inverse=True)
         count = np.bincount(row, minlength=len(cells)).astype(float)
@@ -135,16 +135,16 @@ def fit_adam(
     max_steps: int = 20_000,
 ) -> Fit:
     """Trains by Adam on all readings at once, for comparison; as `fit_levenberg_marquardt` otherwise."""
-    optimiser = optax.adam(learning_rate)
+    optimizer = optax.adam(learning_rate)
 
     def loss(parameters: _Parameters) -> Float[Array, ""]:
         return mean_squared_error(_with_parameters(network, parameters), training)
 
     def step(parameters: _Parameters, state: Any) -> tuple[_Parameters, Any]:
-        updates, state = optimiser.update(jax.grad(loss)(parameters), state)
+        updates, state = optimizer.update(jax.grad(loss)(parameters), state)
         return optax.apply_updates(parameters, updates), state
 
-    state = optimiser.init(_parameters(network))
+    state = optimizer.init(_parameters(network))
     return _early_stopping(network, step, state, training, validation, patience, max_steps)
 
 

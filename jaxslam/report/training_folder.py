@@ -21,12 +21,12 @@ PAPERS_MSE = 9.55e-5
 _RAW, _CORRECTED = style.REFERENCE, style.ESTIMATE
 _ROLES = {"training": "learnt from", "validation": "validation", "held_out": "held out"}
 _SHOWN = (1.0, 3.0)
-"""Distances of the histograms, metres."""
+"""Distances of the histograms, meters."""
 
 
 @dataclass(frozen=True)
 class DistanceErrors:
-    """What the readings at one distance are off by, metres.
+    """What the readings at one distance are off by, meters.
 
     Attributes:
         distance: true distance.
@@ -51,9 +51,9 @@ class RoleErrors:
 
     Attributes:
         role: as in `DistanceErrors`.
-        raw_rmse: before the correction, metres.
-        corrected_rmse: after it, metres.
-        noise: root mean square of what readings at one distance scatter about their own mean, metres: the
+        raw_rmse: before the correction, meters.
+        corrected_rmse: after it, meters.
+        noise: root mean square of what readings at one distance scatter about their own mean, meters: the
             floor for a correction by distance, but for the noise that it flattens.
     """
 
@@ -107,12 +107,12 @@ def role_errors(rows: list[DistanceErrors]) -> list[RoleErrors]:
 
 
 def corrected_readings(network: RangeNetwork, readings: Readings) -> Float64[np.ndarray, "M"]:
-    """The readings after the network, metres."""
+    """The readings after the network, meters."""
     return np.asarray(network(jnp.asarray(readings.measured, jnp.float32)), np.float64)
 
 
 def error_table(rows: list[DistanceErrors]) -> str:
-    """Errors by distance in millimetres, and by role, as text."""
+    """Errors by distance in millimeters, and by role, as text."""
     lines = [
         f"{'distance':>10} {'readings':>9} {'error':>16} {'corrected':>16}  ",
         f"{'m':>10} {'':>9} {'mean ± std, mm':>16} {'mean ± std, mm':>16}  role",

@@ -15,7 +15,7 @@ class Resampling(eqx.Module):
     Attributes:
         ancestors: `[N]` int32, the particle that each slot continues; `arange(N)` where nothing was
             resampled.
-        log_weights: `[N]` normalised log-weights afterwards; −log N where it was resampled.
+        log_weights: `[N]` normalized log-weights afterwards; −log N where it was resampled.
         resampled: whether it was.
         ess: effective sample size of the weights that came in, between 1 and N.
     """
@@ -50,7 +50,7 @@ class AdaptiveResampling(eqx.Module):
             )
 
     def __call__(self, key: PRNGKeyArray, log_weights: Float[Array, "N"]) -> Resampling:
-        """Decides on log-weights `[N]`, which need not be normalised, and resamples if need be."""
+        """Decides on log-weights `[N]`, which need not be normalized, and resamples if need be."""
         count = log_weights.shape[0]
         ess = effective_sample_size(log_weights)
         resampled = (ess < self.threshold * count) & jnp.any(jnp.isfinite(log_weights))

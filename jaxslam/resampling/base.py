@@ -15,6 +15,6 @@ class AbstractResampler(eqx.Module):
 
         Args:
             key: PRNG key.
-            log_weights: `[N]` natural log, need not be normalised; −inf is a particle that cannot
+            log_weights: `[N]` natural log, need not be normalized; −inf is a particle that cannot
                 go on.
         """

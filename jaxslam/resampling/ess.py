@@ -37,7 +37,7 @@ def normalize(log_weights: Float[Array, "N"]) -> Float[Array, "N"]:
 
 
 def effective_sample_size(log_weights: Float[Array, "N"]) -> Float[Array, ""]:
-    """Effective sample size, between 1 and N: 1 / Σ w̃², w̃ the normalised weights.
+    """Effective sample size, between 1 and N: 1 / Σ w̃², w̃ the normalized weights.
 
     N where no log-weight is finite, as for the uniform weights that `normalize` then gives.
 

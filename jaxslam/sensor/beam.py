@@ -17,7 +17,7 @@ from jaxslam.sensor.base import AbstractSensorModel
 class Beam(AbstractSensorModel):
     r"""Mixture over the range $z$ of a beam, given the range $z^*$ cast in the map.
 
-    - hit: normal around $z^*$ with deviation `sigma_hit`, normalised on [0, `max_range`];
+    - hit: normal around $z^*$ with deviation `sigma_hit`, normalized on [0, `max_range`];
     - short: $\propto e^{-\lambda_{short} z}$ on $[0, z^*]$, something in the way;
     - max: a mass at `max_range`, no return;
     - random: uniform on [0, `max_range`].
@@ -26,14 +26,14 @@ class Beam(AbstractSensorModel):
     add up to one.
 
     Attributes:
-        max_range: of the lidar, metres: a reading at or over it is no return.
-        sigma_hit: deviation of a reading that hit the mapped obstacle, metres; at least half a cell.
+        max_range: of the lidar, meters: a reading at or over it is no return.
+        sigma_hit: deviation of a reading that hit the mapped obstacle, meters; at least half a cell.
         z_hit: weight of readings of the mapped obstacle.
         z_short: weight of readings of something before it.
         z_max: weight of no return.
         z_rand: weight of readings that nothing explains, > 0: it keeps one beam from ruling a pose out.
         lambda_short: λ, how fast unmapped obstacles thin out with distance, 1/m, > 0.
-        beam_weight: β, what one beam counts for against independent ones: neighbouring beams see the same
+        beam_weight: β, what one beam counts for against independent ones: neighboring beams see the same
             wall, and the error of a map is common to all.
         max_beams: beams that are scored, evenly spread over the scan (static).
 
@@ -64,7 +64,7 @@ class Beam(AbstractSensorModel):
         return self.beam_weight * self.max_beams
 
     def log_prob(self, prepared: Field, scan: LidarScan, pose: Float[Array, "3"]) -> Float[Array, ""]:
-        """Scalar, natural log: β times the sum over the beams that returned, density per metre.
+        """Scalar, natural log: β times the sum over the beams that returned, density per meter.
 
         The others are left out: the mass at `max_range` is the same at every pose.
         """
@@ -79,7 +79,7 @@ class Beam(AbstractSensorModel):
         return self.beam_weight * jnp.sum(jnp.where(returned, log_density, 0.0))
 
     def log_density(self, ranges: Float[Array, "B"], expected: Float[Array, "B"]) -> Float[Array, "B"]:
-        """Log density `[B]` per metre of ranges in [0, `max_range`), given the expected ones, > 0."""
+        """Log density `[B]` per meter of ranges in [0, `max_range`), given the expected ones, > 0."""
         weight = 1.0 / (self.z_hit + self.z_short + self.z_max + self.z_rand)
         density = (
             self.z_hit * self._hit(ranges, expected)

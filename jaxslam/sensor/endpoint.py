@@ -18,17 +18,17 @@ _BEFORE = float(np.sqrt(2.0))
 class Endpoint(AbstractSensorModel):
     r"""Log-likelihood $\beta \sum_k \max(-d_k^2 / 2\sigma^2, \text{log\_miss})$ over the valid beams.
 
-    $d_k$ runs from the end point to the centre of the nearest occupied cell among those at most `kernel` rows
-    and columns away whose neighbour towards the lidar is not occupied. A wall is thus only seen from its
+    $d_k$ runs from the end point to the center of the nearest occupied cell among those at most `kernel` rows
+    and columns away whose neighbor towards the lidar is not occupied. A wall is thus only seen from its
     front, which a distance field cannot tell. Where there is none, the beam counts `log_miss`.
 
     gmapping measures to the mean of the end points that fell into a cell; a cell here keeps no mean, and its
-    centre stands for it. gmapping's σ² is 2σ² here.
+    center stands for it. gmapping's σ² is 2σ² here.
 
     Attributes:
-        sigma_hit: σ, spread of end points around obstacles, metres.
+        sigma_hit: σ, spread of end points around obstacles, meters.
         log_miss: what a beam without an obstacle counts, and the least that any counts, nats, ≤ 0.
-        beam_weight: β, what one beam counts for against independent ones: neighbouring beams see the same
+        beam_weight: β, what one beam counts for against independent ones: neighboring beams see the same
             wall, and the error of a map is common to all.
         kernel: rows and columns searched on every side of the end point's cell, ≥ 0 (static).
         max_beams: beams that are scored, evenly spread over the scan (static).
@@ -37,7 +37,7 @@ class Endpoint(AbstractSensorModel):
         Grisetti, Stachniss, Burgard 2007 and the implementation that came with it (likelihood-and-score).
 
     Example:
-        σ = 0.1, 0.1 m cells, an end point 0.1 m from the centre of the only obstacle, which is seen from its
+        σ = 0.1, 0.1 m cells, an end point 0.1 m from the center of the only obstacle, which is seen from its
         front: −0.5.
     """
 
@@ -79,9 +79,9 @@ class Endpoint(AbstractSensorModel):
         for row in range(-self.kernel, self.kernel + 1):
             for column in range(-self.kernel, self.kernel + 1):
                 offset = jnp.asarray([[column, row]], jnp.int32)
-                centre = _centre(field, cell + offset)
-                seen = _occupied(field, centre) & ~_occupied(field, _centre(field, before + offset))
-                squared = jnp.sum((points - centre) ** 2, axis=1)
+                center = _center(field, cell + offset)
+                seen = _occupied(field, center) & ~_occupied(field, _center(field, before + offset))
+                squared = jnp.sum((points - center) ** 2, axis=1)
                 nearest = jnp.where(seen, jnp.minimum(nearest, squared), nearest)
         return nearest
 
@@ -90,7 +90,7 @@ def _cells(field: DistanceField, points: Float[Array, "B 2"]) -> Int[Array, "B 2
     return jnp.floor((points - field.origin[None, :]) / field.resolution).astype(jnp.int32)
 
 
-def _centre(field: DistanceField, cells: Int[Array, "B 2"]) -> Float[Array, "B 2"]:
+def _center(field: DistanceField, cells: Int[Array, "B 2"]) -> Float[Array, "B 2"]:
     return (cells.astype(jnp.float32) + 0.5) * field.resolution + field.origin[None, :]
 
 

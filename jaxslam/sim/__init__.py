@@ -5,7 +5,7 @@ from jaxslam.sim.exact_ranges import cast_rays, cast_scan
 from jaxslam.sim.imu_sensor import Imu, Inertial
 from jaxslam.sim.lidar_sensor import LIDARS, Lidar, lds_01, lds_02, rplidar_a1, sick, urg_04lx, vlp16_ring
 from jaxslam.sim.range_bias import RangeBias, draw_lds_01_bias, lds_01_accuracy
-from jaxslam.sim.rasterize import observable, rasterise, reachable
+from jaxslam.sim.rasterize import observable, rasterize, reachable
 from jaxslam.sim.recording import Truth, drive
 from jaxslam.sim.robot import Drive, Robot, follow_tour, start_pose
 from jaxslam.sim.simulate import Simulation, sample_times, simulate, to_log
@@ -57,7 +57,7 @@ __all__ = [
     "random_corridor",
     "random_hall",
     "random_roadway",
-    "rasterise",
+    "rasterize",
     "reachable",
     "roadway",
     "rplidar_a1",

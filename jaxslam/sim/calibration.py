@@ -7,7 +7,7 @@ from jaxslam.sim.lidar_sensor import Lidar
 
 
 def calibration_distances(lidar: Lidar, step: float = 0.1) -> Float[Array, "D"]:
-    """From the shortest range in steps to the last before the longest, and that: for an LDS-01 35, metres."""
+    """From the shortest range in steps to the last before the longest, and that: for an LDS-01 35, meters."""
     shortest, longest = float(lidar.range_min), float(lidar.range_max)
     if not (step > 0 and longest > shortest):
         raise ValueError(f"step {step} between {shortest} and {longest} m: give a positive step and span")
@@ -23,11 +23,11 @@ def calibration_run(
     Args:
         key: of the noise.
         lidar: noise and bias of it.
-        distances: `[D]` true distances, metres.
+        distances: `[D]` true distances, meters.
         num_readings: R, at each.
 
     Returns:
-        Readings `[D, R]` in metres, 0 where there was none, and whether there was one: near the limits of the
+        Readings `[D, R]` in meters, 0 where there was none, and whether there was one: near the limits of the
         range some are lost.
     """
     return lidar.measure(key, jnp.broadcast_to(distances[:, None], (len(distances), num_readings)))

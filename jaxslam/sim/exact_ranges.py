@@ -17,12 +17,12 @@ def cast_scan(
     no ray slips between them.
 
     Args:
-        world: the segments, `[S, 4]` metres.
+        world: the segments, `[S, 4]` meters.
         pose_world_lidar: `[3]` where the rays start: m, m, rad.
         angles: `[B]` directions in the lidar frame, radians.
 
     Returns:
-        `[B]` metres; infinity where a ray hits nothing. Accurate to about 1e-6 of the distance to
+        `[B]` meters; infinity where a ray hits nothing. Accurate to about 1e-6 of the distance to
         the ends of the segment that is hit (float32).
 
     Example:
@@ -53,12 +53,12 @@ def cast_rays(
     """`cast_scan` from many poses, one after the other, so that memory stays at `B × S`.
 
     Args:
-        world: the segments, `[S, 4]` metres.
+        world: the segments, `[S, 4]` meters.
         poses_world_lidar: `[T, 3]` m, m, rad.
         angles: `[B]` directions in the lidar frame, radians.
 
     Returns:
-        `[T, B]` metres; infinity where a ray hits nothing.
+        `[T, B]` meters; infinity where a ray hits nothing.
     """
     return jax.lax.map(lambda pose: cast_scan(world, pose, angles), poses_world_lidar)
 

@@ -29,11 +29,11 @@ class Lidar(eqx.Module):
         num_beams: number of beams `B` (static).
         angle_min: angle of beam 0 in the lidar frame, radians.
         angle_increment: from one beam to the next, radians (negative: clockwise).
-        range_min: shorter readings are no return, metres.
-        range_max: readings at or over this are no return, metres.
-        sigma_constant: metres.
+        range_min: shorter readings are no return, meters.
+        range_max: readings at or over this are no return, meters.
+        sigma_constant: meters.
         sigma_proportional: fraction of the distance.
-        proportional_from: distance at which that begins, metres.
+        proportional_from: distance at which that begins, meters.
         dropout_probability: chance of a beam to return nothing although it hit something.
         short_probability: chance of a beam to end on something that is not in the world (a person)
             at a distance uniform between 0 and the true one; 0 turns it off.
@@ -90,10 +90,10 @@ class Lidar(eqx.Module):
     def measure(
         self, key: PRNGKeyArray, distances: Float[Array, "T B"]
     ) -> tuple[Float[Array, "T B"], Bool[Array, "T B"]]:
-        """Turns true distances `[T, B]` (metres, infinite where nothing is) into readings.
+        """Turns true distances `[T, B]` (meters, infinite where nothing is) into readings.
 
         Returns:
-            Ranges `[T, B]` in metres, 0 where there is none, and whether there is one.
+            Ranges `[T, B]` in meters, 0 where there is none, and whether there is one.
         """
         normal = standard_normal(key, (4, *distances.shape))
         noise = normal[0]

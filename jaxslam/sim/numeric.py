@@ -28,7 +28,7 @@ def compensated_add(total: Float[Array, "K"], rounding: Float[Array, "K"], value
     """One step of Kahan's sum: the new total, and what rounding took from it.
 
     Ten thousand float32 steps of constant size all round the same way, which would add up to
-    centimetres; compensated, the total stays within its last bit.
+    centimeters; compensated, the total stays within its last bit.
     """
     corrected = value - rounding
     new_total = total + corrected

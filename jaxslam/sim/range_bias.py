@@ -10,15 +10,15 @@ from jaxslam.sim.numeric import Scalar
 _NUM_KNOTS = 71
 _NUM_WAVES = 4
 _KINK = 0.5
-"""Where the LDS-01's accuracy begins to grow, metres."""
+"""Where the LDS-01's accuracy begins to grow, meters."""
 
 
 class RangeBias(eqx.Module):
     """A bias that depends on the distance, the same in every reading of one device.
 
     Attributes:
-        distances: `[K]` true distances, increasing, metres.
-        offsets: `[K]` mean reading minus distance, metres; linear in between and held beyond.
+        distances: `[K]` true distances, increasing, meters.
+        offsets: `[K]` mean reading minus distance, meters; linear in between and held beyond.
     """
 
     distances: Float[Array, "K"]
@@ -32,7 +32,7 @@ class RangeBias(eqx.Module):
             )
 
     def __call__(self, distances: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
-        """The bias at true distances, metres."""
+        """The bias at true distances, meters."""
         return jnp.interp(distances, self.distances, self.offsets)
 
 
@@ -52,11 +52,11 @@ def draw_lds_01_bias(
     Args:
         key: of the device.
         share: of the accuracy that the bias reaches where it is worst, 0 to 1.
-        shortest: distance that the lidar measures, metres.
-        longest: and the farthest, metres.
+        shortest: distance that the lidar measures, meters.
+        longest: and the farthest, meters.
     """
     key_phase, key_weight = jax.random.split(key)
-    # With one where the accuracy has its kink: it would be exceeded between its neighbours.
+    # With one where the accuracy has its kink: it would be exceeded between its neighbors.
     distances = jnp.sort(jnp.append(jnp.linspace(shortest, longest, _NUM_KNOTS), _KINK))
     # From one wave over the whole range to one in 0.8 m.
     waves = 0.5 + jnp.arange(_NUM_WAVES, dtype=jnp.float32) * 1.25

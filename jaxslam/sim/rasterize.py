@@ -7,7 +7,7 @@ from jaxslam.grid.spec import GridSpec
 from jaxslam.sim.worlds.world import World
 
 
-def rasterise(world: World, spec: GridSpec) -> Bool[np.ndarray, "H W"]:
+def rasterize(world: World, spec: GridSpec) -> Bool[np.ndarray, "H W"]:
     """Marks every cell that a segment runs through.
 
     A cell spans [lower, upper) on both axes, so a wall exactly on the line between two cells
@@ -15,7 +15,7 @@ def rasterise(world: World, spec: GridSpec) -> Bool[np.ndarray, "H W"]:
     outside the grid is left out.
 
     Args:
-        world: the segments, metres.
+        world: the segments, meters.
         spec: size and placement of the grid.
 
     Returns:
@@ -38,7 +38,7 @@ def reachable(
     spec: GridSpec,
     start: Float[np.ndarray, "2"] | Float[Array, "2"],
 ) -> Bool[np.ndarray, "H W"]:
-    """Free cells connected to `start` (metres, world frame) over their sides, `[H, W]`.
+    """Free cells connected to `start` (meters, world frame) over their sides, `[H, W]`.
 
     Raises:
         ValueError: if `start` lies outside the grid or on an occupied cell.
@@ -52,7 +52,7 @@ def reachable(
         raise ValueError(
             f"start {list(map(float, start))} lies on an occupied cell: give a start in free space"
         )
-    # A closed border spares every look at a neighbour the question whether there is one.
+    # A closed border spares every look at a neighbor the question whether there is one.
     blocked = np.pad(occupied, 1, constant_values=True)
     found = np.zeros_like(blocked)
     found[row + 1, column + 1] = True
@@ -60,8 +60,8 @@ def reachable(
     closed, reached = blocked.reshape(-1), found.reshape(-1)
     frontier = np.flatnonzero(found)
     while frontier.size:
-        neighbours = np.concatenate([frontier + step for step in (1, -1, stride, -stride)])
-        frontier = np.unique(neighbours[~(closed | reached)[neighbours]])
+        neighbors = np.concatenate([frontier + step for step in (1, -1, stride, -stride)])
+        frontier = np.unique(neighbors[~(closed | reached)[neighbors]])
         reached[frontier] = True
     return found[1:-1, 1:-1]
 
@@ -75,15 +75,15 @@ def observable(
     them by a side or a corner count. The inside of machines and all beyond the walls is neither.
 
     Args:
-        world: the segments, metres.
+        world: the segments, meters.
         spec: size and placement of the grid; it should cover the world, or the outside is reachable
             through the missing wall.
-        start: `[2]` a position in free space, metres.
+        start: `[2]` a position in free space, meters.
 
     Raises:
         ValueError: if `start` lies outside the grid or on an occupied cell.
     """
-    occupied = rasterise(world, spec)
+    occupied = rasterize(world, spec)
     free = reachable(occupied, spec, start)
     padded = np.pad(free, 1)
     beside = np.zeros_like(free)

@@ -51,7 +51,8 @@ def drive(
     """Drive a robot through a world and return its log and the ground truth.
 
     Args:
-        world: a name in `jaxslam.sim.WORLDS`, or a world and the way-points `[W, 2]` of a closed tour, meters.
+        world: a name in `jaxslam.sim.WORLDS`, or a world and the way-points `[W, 2]` of a closed tour,
+            meters.
         key: PRNG key of all sensor errors; same key, same bytes.
         duration: seconds; a tour of a hall takes almost 200.
         robot: limits and steering; None for the defaults, as for the sensors.

@@ -18,13 +18,13 @@ class Robot(eqx.Module):
     must.
 
     Attributes:
-        radius: of the circle around the robot, metres.
-        max_speed: metres per second.
+        radius: of the circle around the robot, meters.
+        max_speed: meters per second.
         max_acceleration: of the speed, up and down, m/s².
         max_yaw_rate: rad/s.
         max_yaw_acceleration: rad/s².
-        lookahead: distance of the point it aims at, metres.
-        switch_distance: how far before a way-point it turns to the next leg, metres.
+        lookahead: distance of the point it aims at, meters.
+        switch_distance: how far before a way-point it turns to the next leg, meters.
         steering_gain: yaw rate per heading error, 1/s.
         rate: steps of control and of physics per second (static).
     """
@@ -122,7 +122,7 @@ def follow_tour(robot: Robot, waypoints: Float[Array, "W 2"], num_steps: int) ->
 
     Args:
         robot: limits and steering.
-        waypoints: `[W, 2]` metres, world frame; after the last one comes the first.
+        waypoints: `[W, 2]` meters, world frame; after the last one comes the first.
         num_steps: steps to simulate, `robot.rate` per second (static).
 
     Returns:
@@ -183,7 +183,7 @@ def _command(robot: Robot, waypoints: Float[Array, "W 2"], state: _State) -> _St
 def _project(
     waypoints: Float[Array, "W 2"], leg: Int[Array, ""], pose: Float[Array, "3"]
 ) -> tuple[Float[Array, "2"], Float[Array, ""]]:
-    """Direction of a leg, and how far along it the robot still is from its end (metres)."""
+    """Direction of a leg, and how far along it the robot still is from its end (meters)."""
     bearing = _bearing(waypoints, leg)
     along = jnp.stack([jnp.cos(bearing), jnp.sin(bearing)])
     goal = waypoints[(leg + 1) % waypoints.shape[0]]

@@ -19,7 +19,7 @@ from jaxslam.sim.robot import Drive, Robot, follow_tour
 from jaxslam.sim.wheel_odometry import Odometry, WheelOdometry
 from jaxslam.sim.worlds.world import World, leg_clearances
 
-# Clearance that a tour must leave beyond the robot's radius, metres: with the default steering it
+# Clearance that a tour must leave beyond the robot's radius, meters: with the default steering it
 # strays up to 0.10 m from a leg.
 TOUR_MARGIN = 0.2
 
@@ -94,8 +94,8 @@ def simulate(
 
     Args:
         key: the same key gives the same bytes.
-        world: the segments, metres.
-        waypoints: `[W, 2]` closed tour, metres; driven again and again until the time is up.
+        world: the segments, meters.
+        waypoints: `[W, 2]` closed tour, meters; driven again and again until the time is up.
         robot: limits and steering; None for the defaults, as for the sensors.
         wheels: encoders and their errors.
         imu: noise and biases.

@@ -53,13 +53,13 @@ class WheelOdometry(eqx.Module):
     `hall_large` (root mean square over 200 robots); slip alone makes 8° of it.
 
     Attributes:
-        wheel_radius: assumed by the odometry, metres.
-        track_width: distance between the wheels assumed by the odometry, metres.
+        wheel_radius: assumed by the odometry, meters.
+        track_width: distance between the wheels assumed by the odometry, meters.
         left_radius_error, right_radius_error: given part of (true − assumed) / assumed.
         track_width_error: given part of (true − assumed) / assumed.
         sigma_radius_error: standard deviation of the drawn part, each wheel for itself.
         sigma_track_width_error: standard deviation of the drawn part.
-        sigma_slip: standard deviation of a wheel's slip after rolling one metre, m/√m.
+        sigma_slip: standard deviation of a wheel's slip after rolling one meter, m/√m.
         ticks_per_turn: encoder counts per turn of a wheel.
         rate: readings per second (static).
 
@@ -133,8 +133,8 @@ class WheelOdometry(eqx.Module):
         Returns:
             Poses `[M, 3]` (m, m, rad), and `[M, 3]` (arc length, 0, turn) since the one before.
         """
-        metres_per_tick = 2 * jnp.pi * self.wheel_radius / self.ticks_per_turn
-        travelled = (ticks - ticks[:1]).astype(jnp.float32) * metres_per_tick
+        meters_per_tick = 2 * jnp.pi * self.wheel_radius / self.ticks_per_turn
+        travelled = (ticks - ticks[:1]).astype(jnp.float32) * meters_per_tick
         heading = (travelled[:, 1] - travelled[:, 0]) / self.track_width
         arc = jnp.diff(travelled.mean(axis=1), prepend=0.0)
         turn = jnp.diff(heading, prepend=0.0)

@@ -35,7 +35,7 @@ class RBPFState(eqx.Module):
     Attributes:
         maps: `[N, H, W]` int8 log-odds in fixed point, one map per particle.
         poses: `[N, 3]` base poses (m, m, rad, world frame).
-        log_weights: `[N]` normalised log-weights.
+        log_weights: `[N]` normalized log-weights.
         num_steps: steps taken, int32.
     """
 
@@ -50,7 +50,7 @@ class StepInfo(eqx.Module):
 
     Attributes:
         poses: `[N, 3]` after the proposal and before resampling.
-        log_weights: `[N]` normalised, before resampling.
+        log_weights: `[N]` normalized, before resampling.
         ancestors: `[N]` int32, the particle that each slot goes on from.
         ess: effective sample size before resampling, 1 to N.
         resampled: whether the particles were resampled.
@@ -77,7 +77,7 @@ class RBPF(eqx.Module):
         proposal: q, where the particles go.
         resampling: when and how to resample.
         occupancy: what a scan adds to a map.
-        usable_range: longer returns only clear the space before them, metres.
+        usable_range: longer returns only clear the space before them, meters.
         range_network: corrects the ranges of every scan first; None leaves them as they are.
         num_particles: N (static).
         window_size: cells along a side of the window that a step works on, divisible by 4 (static): around
@@ -122,18 +122,6 @@ class RBPF(eqx.Module):
             num_steps=jnp.zeros((), jnp.int32),
         )
         return with_sharding(self.mesh, state, count)
-
-    def blank_infos(self, num_steps: int) -> StepInfo:
-        """Room for the infos of so many steps, stacked over time; zeros."""
-        rows = (num_steps, self.num_particles)
-        return StepInfo(
-            poses=jnp.zeros((*rows, 3), jnp.float32),
-            log_weights=jnp.zeros(rows, jnp.float32),
-            ancestors=jnp.zeros(rows, jnp.int32),
-            ess=jnp.zeros(num_steps, jnp.float32),
-            resampled=jnp.zeros(num_steps, bool),
-            flags=jnp.zeros(num_steps, jnp.int32),
-        )
 
     def step(self, key: PRNGKeyArray, state: RBPFState, inputs: StepInputs) -> tuple[RBPFState, StepInfo]:
         """Propose, weigh, update the maps, resample."""

@@ -2,7 +2,7 @@
 
 from jaxslam.study.objectives import OBJECTIVES, Figures
 from jaxslam.study.plan import Plan, Source, read_plan
-from jaxslam.study.report import summarise, write_report
+from jaxslam.study.report import summarize, write_report
 from jaxslam.study.search import (
     Told,
     evaluate,
@@ -32,7 +32,7 @@ __all__ = [
     "read_plan",
     "run_trials",
     "storage_url",
-    "summarise",
+    "summarize",
     "with_few_programs",
     "with_lidars",
     "write_report",

@@ -30,7 +30,7 @@ from jaxslam.study.objectives import Figures
 from jaxslam.study.plan import DRIVE, Plan, Source
 
 TOLERANCE = 0.1
-"""A wall counts as found within so much, metres."""
+"""A wall counts as found within so much, meters."""
 
 
 class TrialError(ValueError):
@@ -101,6 +101,7 @@ def check_source(plan: Plan, source: Source) -> None:
     loaded = load(source)
     configuration = plan.configuration({}, loaded.lidar)
     try:
+        assert configuration.lidar is not None  # `load` has set it
         log, _ = correct_scans(loaded.log, configuration.lidar)
         inputs = pair_scans(log, configuration.thinning)
         _errors(loaded, inputs, inputs.all_odometry)
@@ -180,7 +181,7 @@ def _figures(
 
 
 def _errors(loaded: Loaded, inputs: PreparedScans, poses: Float64[np.ndarray, "S 3"]) -> tuple[float, float]:
-    """Metres and degrees of the poses at all scans; NaN for a source that has nothing to be measured by."""
+    """Meters and degrees of the poses at all scans; NaN for a source that has nothing to be measured by."""
     log = loaded.log
     assert log.odometry is not None
     if loaded.relations is not None:

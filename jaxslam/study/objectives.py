@@ -13,7 +13,7 @@ class Figures:
     """What the runs of one configuration on one source were worth; NaN where it cannot be told.
 
     Attributes:
-        error: `[S]` mean error of the relations, or RMSE of the trajectory, metres, by seed.
+        error: `[S]` mean error of the relations, or RMSE of the trajectory, meters, by seed.
         heading: `[S]` the same of headings, degrees.
         map_loss: `[S]` one minus the walls' IoU with the true ones; empty for a log.
         ms_per_scan: of one run, milliseconds.

@@ -67,7 +67,7 @@ class Plan:
         seeds: of every trial, the same ones: what differs between trials is then the settings.
         held_out_seeds: for the end.
         space: what is searched.
-        objectives: names in `OBJECTIVES`, all minimised.
+        objectives: names in `OBJECTIVES`, all minimized.
         sampler: of `SAMPLERS`.
         sampler_seed: of its random numbers.
         trials: how many in all; sessions that share a study may each run a batch more.

@@ -67,7 +67,7 @@ class Summary:
         return self.complete[0]
 
 
-def summarise(store: Store, objectives: Sequence[str]) -> Summary:
+def summarize(store: Store, objectives: Sequence[str]) -> Summary:
     """Looks through a study."""
     trials = store.trials()
     complete = [trial for trial in trials if trial.state == TrialState.COMPLETE]
@@ -125,7 +125,7 @@ def write_report(folder: Path, store: Store, plan: dict[str, Any]) -> Summary:
         ValueError: no trial has values.
         OSError: a file cannot be written.
     """
-    summary = summarise(store, plan["objectives"])
+    summary = summarize(store, plan["objectives"])
     best = summary.best
     # What an earlier report has said, and this one may not say again.
     for path in (*folder.glob("front-*.toml"), folder / "importance.png"):
@@ -262,7 +262,7 @@ def draw_parallel(figure: Figure, summary: Summary) -> None:
         if len(summary.objectives) > 1
         else ""
     )
-    ax.set_title(f"all trials, dark is better{by}; the best one in colour", fontsize="small")
+    ax.set_title(f"all trials, dark is better{by}; the best one in color", fontsize="small")
 
 
 def _names(summary: Summary) -> list[str]:

@@ -1,7 +1,7 @@
 """An animated GIF of the map as it is built, in a file or in a notebook.
 
 Frames are drawn as palette images by pillow, not by matplotlib: a few milliseconds each instead of
-tenths of a second, and flat colours that GIF packs well.
+tenths of a second, and flat colors that GIF packs well.
 """
 
 import base64
@@ -18,10 +18,10 @@ from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from jaxslam.viz import style
 from jaxslam.viz.maps import checked_resolution
-from jaxslam.viz.raster import Box, grey_ramp, known_box, map_levels, shrink
+from jaxslam.viz.raster import Box, gray_ramp, known_box, map_levels, shrink
 
-_NUM_GREYS = 24
-_WHITE, _INK, _PATH, _PARTICLE = range(_NUM_GREYS, _NUM_GREYS + 4)
+_NUM_GRAYS = 24
+_WHITE, _INK, _PATH, _PARTICLE = range(_NUM_GRAYS, _NUM_GRAYS + 4)
 _FOOTER = 26  # pixels under the map for the scale bar and the caption
 
 
@@ -78,8 +78,8 @@ def animate_map(
     Args:
         path: file to write, ending in .gif.
         frames: read once, one at a time; only the known part of each map is kept, one byte a cell.
-        resolution: side of a cell, metres.
-        origin: `[2]` world position of the lower-left corner of cell (0, 0), metres.
+        resolution: side of a cell, meters.
+        origin: `[2]` world position of the lower-left corner of cell (0, 0), meters.
         max_side: longer side of the map in the picture, pixels.
         frame_s: time each frame is shown, seconds; GIF counts in hundredths.
         hold_s: time the last frame is shown, seconds.
@@ -174,7 +174,7 @@ class _Canvas:
         height, width = frame.levels.shape
         cells[row : row + height, column : column + width] = frame.levels
         # Rows of a map run upwards, rows of an image downwards.
-        pixels = _grey_index()[_resize(cells, self.height, self.width)[::-1]]
+        pixels = _gray_index()[_resize(cells, self.height, self.width)[::-1]]
         footer = np.full((_FOOTER, self.width), _WHITE, np.uint8)
         pixels = np.concatenate([pixels, footer])
         image = Image.frombytes("P", (self.width, self.height + _FOOTER), pixels.tobytes())
@@ -249,17 +249,17 @@ def _resize(cells: UInt8[np.ndarray, "h w"], height: int, width: int) -> UInt8[n
     return cells.repeat(scale, axis=0).repeat(scale, axis=1)
 
 
-def _grey_index() -> UInt8[np.ndarray, "256"]:
-    """Palette entry of each level: the grey steps are spread evenly over the ramp."""
-    return np.round(grey_ramp() / 255 * (_NUM_GREYS - 1)).astype(np.uint8)
+def _gray_index() -> UInt8[np.ndarray, "256"]:
+    """Palette entry of each level: the gray steps are spread evenly over the ramp."""
+    return np.round(gray_ramp() / 255 * (_NUM_GRAYS - 1)).astype(np.uint8)
 
 
 def _palette() -> list[int]:
-    greys = np.round(np.linspace(0, 255, _NUM_GREYS)).astype(int)
-    colours = [(int(grey),) * 3 for grey in greys]
+    grays = np.round(np.linspace(0, 255, _NUM_GRAYS)).astype(int)
+    colors = [(int(gray),) * 3 for gray in grays]
     for name in ("#FFFFFF", "#222222", style.ESTIMATE, style.PARTICLES):
-        colours.append(ImageColor.getrgb(name)[:3])
-    return [value for colour in colours for value in colour]
+        colors.append(ImageColor.getrgb(name)[:3])
+    return [value for color in colors for value in color]
 
 
 def _round_length(target: float) -> float:

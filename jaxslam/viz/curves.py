@@ -24,7 +24,7 @@ def plot_errors(
 
     Args:
         stamps: `[M]` seconds.
-        errors: `[M]`, or `[S, M]` for `S` seeds: metres, or radians for headings (drawn in
+        errors: `[M]`, or `[S, M]` for `S` seeds: meters, or radians for headings (drawn in
             degrees). NaN leaves a seed out at that stamp, or a gap where all are NaN.
         band: `[M]` half width of the band in the unit of `errors`, or `[2, M]` its lower and upper edge, as a
             logarithmic axis needs them; None takes the std over seeds.
@@ -71,7 +71,7 @@ def plot_ess(
     resampled: Bool[np.ndarray | Array, "_"] | None = None,
     ax: Axes | None = None,
     *,
-    threshold: float = 0.5,
+    threshold: float | None = 0.5,
 ) -> Axes:
     """Draws the effective sample size per step, with the threshold and the resampled steps.
 
@@ -80,7 +80,7 @@ def plot_ess(
         num_particles: `N`, the top of the axis.
         resampled: `[T]` steps after which the filter resampled; None if not known.
         ax: axes to draw on; None for pyplot's current ones.
-        threshold: fraction of `N` under which it resamples.
+        threshold: fraction of `N` under which the filter resamples; None if not known.
 
     Raises:
         ValueError: if lengths differ or there are no particles.
@@ -91,13 +91,10 @@ def plot_ess(
         raise ValueError(f"num_particles is {num_particles}: give 1 or more")
     steps = np.arange(len(values))
     ax.plot(steps, values, color=style.ESTIMATE, linewidth=1.0, label="ESS")
-    ax.axhline(
-        threshold * num_particles,
-        color=style.NEUTRAL,
-        linestyle="--",
-        linewidth=0.9,
-        label=f"threshold {threshold:g} N",
-    )
+    if threshold is not None:
+        label = f"threshold {threshold:g} N"
+        level = threshold * num_particles
+        ax.axhline(level, color=style.NEUTRAL, linestyle="--", linewidth=0.9, label=label)
     if resampled is not None:
         marked = np.asarray(resampled, bool)
         if marked.shape != values.shape:
@@ -124,7 +121,7 @@ def plot_live_particles(
     agreed: Bool[np.ndarray | Array, "_"] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draws how many particles a localisation keeps over time, grey where they do not agree.
+    """Draws how many particles a localization keeps over time, gray where they do not agree.
 
     Args:
         stamps: `[T]` seconds.

@@ -12,7 +12,7 @@ from matplotlib.patches import Ellipse
 from jaxslam.core import se2
 from jaxslam.core.types import LidarScan
 from jaxslam.viz import style
-from jaxslam.viz.raster import grey_ramp, known_box, map_levels, shrink
+from jaxslam.viz.raster import gray_ramp, known_box, map_levels, shrink
 
 Poses = Float[np.ndarray | Array, "_ 3"]
 
@@ -31,7 +31,7 @@ class MapImage(AxesImage):
     ) -> None:
         super().__init__(ax, origin="lower", interpolation="nearest", extent=extent)
         self._levels = levels
-        self._ramp = grey_ramp()
+        self._ramp = gray_ramp()
         self._set_pixels(levels)
 
     def draw(self, renderer: Any) -> None:
@@ -57,14 +57,14 @@ def plot_map(
     *,
     margin_m: float = 0.5,
 ) -> Axes:
-    """Draws a map: free white, occupied black, unknown grey, cropped to what is known.
+    """Draws a map: free white, occupied black, unknown gray, cropped to what is known.
 
     Args:
         occupancy: `[H, W]` probabilities, int8 log-odds or uint8 levels, see `map_levels`.
-        resolution: side of a cell, metres.
-        origin: `[2]` world position of the lower-left corner of cell (0, 0), metres.
+        resolution: side of a cell, meters.
+        origin: `[2]` world position of the lower-left corner of cell (0, 0), meters.
         ax: axes to draw on; None for pyplot's current ones.
-        margin_m: how much unknown to leave around the known part, metres.
+        margin_m: how much unknown to leave around the known part, meters.
 
     Raises:
         ValueError: if the map or the resolution is not usable.
@@ -78,7 +78,7 @@ def plot_map(
     ax.add_image(image)
     # Only this call, not the constructor, makes the axes' limits hold the image.
     image.set_extent(image.get_extent())
-    style.metre_axes(ax)
+    style.meter_axes(ax)
     return ax
 
 
@@ -123,7 +123,7 @@ def plot_trajectory(
             label=None if name in known else name,
             zorder=3,
         )
-    style.metre_axes(ax)
+    style.meter_axes(ax)
     if legend:
         style.add_legend(ax)
     return ax
@@ -139,7 +139,7 @@ def plot_walls(
     """Draws the walls of a known world, as thin lines to lie over a map.
 
     Args:
-        segments: `[S, 4]` end points x1, y1, x2, y2 in metres, as a simulated world has them.
+        segments: `[S, 4]` end points x1, y1, x2, y2 in meters, as a simulated world has them.
         ax: axes to draw on; None for pyplot's current ones.
         label: name in a legend.
         color: of the lines.
@@ -154,7 +154,7 @@ def plot_walls(
     lines = LineCollection(list(ends.reshape(-1, 2, 2)), colors=color, linewidths=0.7, label=label)
     ax.add_collection(lines)
     ax.autoscale_view()
-    style.metre_axes(ax)
+    style.meter_axes(ax)
     return ax
 
 
@@ -173,7 +173,7 @@ def plot_particles(
         poses: `[N, 3]` (m, m, rad). Rows that are not finite are left out.
         weights: `[N]` not negative, in any scale; None for equal ones.
         ax: axes to draw on; None for pyplot's current ones.
-        tick_m: length of the heading tick, metres.
+        tick_m: length of the heading tick, meters.
         color: of dots and ticks.
         label: name in a legend.
 
@@ -189,9 +189,9 @@ def plot_particles(
         raise ValueError("weights must be finite and not negative: give weights, not log-weights")
     finite = np.isfinite(cloud).all(axis=1)
     cloud, share = cloud[finite], share[finite]
-    # The legend shows the colour of a heavy particle, whichever comes first.
+    # The legend shows the color of a heavy particle, whichever comes first.
     ax.plot([], [], "o", color=color, markersize=3.5, label=label)
-    style.metre_axes(ax)
+    style.meter_axes(ax)
     if len(cloud) == 0:
         return ax
     # The lightest stay visible: where particles are is the point, how heavy they are comes second.
@@ -216,7 +216,7 @@ def plot_scan(
     """Draws the end points of a scan's valid beams in the world frame, and the lidar as a cross.
 
     Args:
-        scan: ranges `[B]` in metres and mask `[B]`.
+        scan: ranges `[B]` in meters and mask `[B]`.
         pose_world_base: `[3]` pose of the base (m, m, rad); None for the base frame itself.
         ax: axes to draw on; None for pyplot's current ones.
         color: of the points.
@@ -228,7 +228,7 @@ def plot_scan(
     ax = style.axes_or_current(ax)
     base = np.zeros(3) if pose_world_base is None else np.asarray(pose_world_base, float)
     if not np.isfinite(base).all():
-        raise ValueError(f"pose_world_base is {base}: give finite metres and radians")
+        raise ValueError(f"pose_world_base is {base}: give finite meters and radians")
     lidar = se2.compose(base, np.asarray(scan.pose_base_lidar, float))
     valid = np.asarray(scan.valid)
     bearing = lidar[2] + np.asarray(scan.angles(), float)[valid]
@@ -236,7 +236,7 @@ def plot_scan(
     x, y = lidar[0] + ranges * np.cos(bearing), lidar[1] + ranges * np.sin(bearing)
     ax.scatter(x, y, s=4, color=color, linewidths=0, label=label, zorder=2.5)
     ax.plot(lidar[0], lidar[1], "+", color=color, markersize=7)
-    style.metre_axes(ax)
+    style.meter_axes(ax)
     return ax
 
 
@@ -252,7 +252,7 @@ def plot_covariance(
     """Draws position uncertainty as ellipses.
 
     Args:
-        mean: `[2]` or `[3]`, or a batch `[M, ...]` of them: x, y in metres first.
+        mean: `[2]` or `[3]`, or a batch `[M, ...]` of them: x, y in meters first.
         covariance: `[2, 2]` or `[3, 3]`, or a batch: its position block is in m².
         ax: axes to draw on; None for pyplot's current ones.
         num_sigmas: half axes in standard deviations. 3 holds 98.9 % of a planar Gaussian.
@@ -274,10 +274,10 @@ def plot_covariance(
     diameters = 2 * num_sigmas * np.sqrt(np.maximum(variances, 0.0))
     angles = np.rad2deg(np.arctan2(directions[:, 1, 1], directions[:, 0, 1]))
     name = f"{num_sigmas:g} σ" if label is None else label
-    for centre, (minor, major), angle in zip(means, diameters, angles, strict=True):
+    for center, (minor, major), angle in zip(means, diameters, angles, strict=True):
         ax.add_patch(
             Ellipse(
-                (centre[0], centre[1]),
+                (center[0], center[1]),
                 major,
                 minor,
                 angle=angle,
@@ -289,7 +289,7 @@ def plot_covariance(
         )
         name = "_nolegend_"
     ax.autoscale_view()
-    style.metre_axes(ax)
+    style.meter_axes(ax)
     return ax
 
 
@@ -297,5 +297,5 @@ def checked_resolution(resolution: float | Float[np.ndarray | Array, ""]) -> flo
     """The side of a cell as a float, if it can be one."""
     side = float(resolution)
     if not (np.isfinite(side) and side > 0):
-        raise ValueError(f"resolution is {side}: give a positive number of metres")
+        raise ValueError(f"resolution is {side}: give a positive number of meters")
     return side

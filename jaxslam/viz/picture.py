@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from jaxslam.viz import style
 from jaxslam.viz.maps import Poses, checked_resolution, plot_map, plot_particles, plot_trajectory
-from jaxslam.viz.raster import UNKNOWN_GREY, known_box, map_levels
+from jaxslam.viz.raster import UNKNOWN_GRAY, known_box, map_levels
 
 _MARGIN_M = 0.5
 
@@ -22,8 +22,8 @@ class MapLayer:
 
     Attributes:
         occupancy: `[H, W]` probabilities, int8 log-odds or uint8 levels, see `map_levels`.
-        resolution: side of a cell, metres.
-        origin: `[2]` world position of the lower-left corner of cell (0, 0), metres.
+        resolution: side of a cell, meters.
+        origin: `[2]` world position of the lower-left corner of cell (0, 0), meters.
         poses: `[M, 3]` trajectory (m, m, rad), or None.
     """
 
@@ -51,8 +51,8 @@ def save_map_picture(
     Args:
         path: file to write; its folder must exist.
         occupancy: `[H, W]` probabilities, int8 log-odds or uint8 levels, see `map_levels`.
-        resolution: side of a cell, metres.
-        origin: `[2]` world position of the lower-left corner of cell (0, 0), metres.
+        resolution: side of a cell, meters.
+        origin: `[2]` world position of the lower-left corner of cell (0, 0), meters.
         poses: `[M, 3]` estimated trajectory (m, m, rad), or None.
         particles: `[N, 3]` particle poses, usually the last ones, or None.
         weights: `[N]` particle weights, or None for equal ones.
@@ -102,7 +102,7 @@ def _draw_path(ax: Axes, poses: Poses, label: str, color: str, linestyle: str) -
 
 
 def _common_extent(layers: list[MapLayer]) -> tuple[float, float, float, float]:
-    """Left, right, bottom, top in metres of all that is known in any layer."""
+    """Left, right, bottom, top in meters of all that is known in any layer."""
     extents = []
     for layer in layers:
         side = checked_resolution(layer.resolution)
@@ -123,6 +123,6 @@ def _figure_size(extent: tuple[float, float, float, float], num_panels: int) -> 
 def _decorate(ax: Axes, title: str, extent: tuple[float, float, float, float]) -> None:
     ax.set_title(title, fontsize="medium")
     # What one map does not know is as unknown beyond its edge.
-    ax.set_facecolor(str(UNKNOWN_GREY / 255))
+    ax.set_facecolor(str(UNKNOWN_GRAY / 255))
     ax.set_xlim(extent[0], extent[1])
     ax.set_ylim(extent[2], extent[3])

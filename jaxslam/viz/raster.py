@@ -11,8 +11,8 @@ from jaxtyping import Array, Shaped, UInt8
 
 from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT
 
-UNKNOWN_GREY = 208
-"""Grey of unknown cells, and of known ones that are as likely occupied as not; free is 255."""
+UNKNOWN_GRAY = 208
+"""Gray of unknown cells, and of known ones that are as likely occupied as not; free is 255."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Box:
     column_end: int
 
     def extent(self, resolution: float, origin: Shaped[np.ndarray, "2"]) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top of the block in the world, metres."""
+        """Left, right, bottom and top of the block in the world, meters."""
         x, y = float(origin[0]), float(origin[1])
         return (
             x + self.column * resolution,
@@ -95,10 +95,10 @@ def known_box(levels: UInt8[np.ndarray, "H W"], margin: int = 0) -> Box:
     )
 
 
-def grey_ramp() -> UInt8[np.ndarray, "256"]:
-    """Grey value of each level: unknown mid-grey, free white, occupied black."""
-    ramp = np.interp(np.arange(256), [1, 128, 255], [255, UNKNOWN_GREY, 0])
-    ramp[0] = UNKNOWN_GREY
+def gray_ramp() -> UInt8[np.ndarray, "256"]:
+    """Gray value of each level: unknown mid-gray, free white, occupied black."""
+    ramp = np.interp(np.arange(256), [1, 128, 255], [255, UNKNOWN_GRAY, 0])
+    ramp[0] = UNKNOWN_GRAY
     return ramp.astype(np.uint8)
 
 

@@ -23,7 +23,7 @@ def plot_run(
     Args:
         result: of `jaxslam.run_log`.
         ax: axes to draw on; None for pyplot's current ones.
-        truth: true or reference trajectory with `stamps` and `poses`, and perhaps `walls`; it is drawn dashed.
+        truth: true or reference trajectory with `stamps` and `poses`, and perhaps `walls`, drawn dashed.
         label: name of the path in the legend.
         legend: whether to add the legend.
     """

@@ -1,6 +1,6 @@
-"""Colours and small conventions shared by all pictures.
+"""Colors and small conventions shared by all pictures.
 
-Colours are Okabe and Ito's, which stay apart for colour-blind readers; every curve also differs in
+Colors are Okabe and Ito's, which stay apart for color-blind readers; every curve also differs in
 line style or marker. Nothing here touches matplotlib's global settings.
 """
 
@@ -26,7 +26,7 @@ def axes_or_current(ax: Axes | None) -> Axes:
     return plt.gca()
 
 
-def metre_axes(ax: Axes) -> None:
+def meter_axes(ax: Axes) -> None:
     """Equal scales and labels for a picture of the plane."""
     ax.set_aspect("equal")
     ax.set_xlabel("x (m)")

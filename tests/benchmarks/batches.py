@@ -20,5 +20,5 @@ def still_runs(method: str, num_particles: int, num_scans: int, count: int) -> P
         repeated(repeated(inputs, num_scans), 1), jnp.zeros((1, 3)), jnp.full(1, num_scans, jnp.int32)
     )
     program = _program((jax.devices()[0],), together=1, room=num_scans, maps=False)
-    # What was jitted: the costs are those of another degree of optimisation.
+    # What was jitted: the costs are those of another degree of optimization.
     return Program(program.__wrapped__, (runs, over))

@@ -1,4 +1,4 @@
-"""A localisation in the middle of a run, as the benchmarks need it."""
+"""A localization in the middle of a run, as the benchmarks need it."""
 
 import dataclasses
 

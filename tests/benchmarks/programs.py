@@ -16,7 +16,7 @@ class Program(NamedTuple):
         function: pure.
         arguments: arrays and modules.
         in_place: the first argument is donated, and the result takes its place in the next call.
-        tuned: compiled with `compiler_options`, as mapping is and localisation is not.
+        tuned: compiled with `compiler_options`, as mapping is and localization is not.
     """
 
     function: Callable

@@ -12,6 +12,7 @@ from jaxslam.grid.window import copy_maps, read_windows, window_origin, window_s
 from jaxslam.lidar.beams import scan_points
 from jaxslam.matching.gauss_newton import GaussNewton, PosePrior
 from jaxslam.matching.icp import ICP
+from jaxslam.proposal.base import ProposalContext
 from jaxslam.proposal.fruit_fly import FruitFlyProposal
 from jaxslam.resampling._permute import keep_survivors_in_place
 from jaxslam.resampling.adaptive import AdaptiveResampling
@@ -83,7 +84,8 @@ def propose(slam: RBPF, state: RBPFState, inputs: StepInputs) -> Program:
 
     def propose_all(poses, fields, inputs, slam, key):
         keys = jax.random.split(key, poses.shape[0])
-        return slam.proposal.sample_all(keys, poses, inputs, fields, slam.motion, slam.sensor)
+        context = ProposalContext(inputs.odometry, inputs.scan, fields, slam.motion, slam.sensor)
+        return slam.proposal.sample_all(keys, poses, context)
 
     return Program(propose_all, (state.poses, _fields(slam, state, inputs), inputs, slam, jax.random.key(2)))
 

@@ -297,7 +297,7 @@ def test_missing_extra(module, monkeypatch, capsys):
     assert "pip install 'jaxslam[cli]'" in one_line(capsys)
 
 
-def test_config_prints_the_settings_of_a_localisation(tmp_path, capsys):
+def test_config_prints_the_settings_of_a_localization(tmp_path, capsys):
     given = ["config", "--localization", "--lidar", "lds-01", "--particles", "5000", "--set", "sigma_hit=0.3"]
     assert main(given) == 0
     text = capsys.readouterr().out

@@ -204,9 +204,9 @@ def at(tmp_path, monkeypatch):
     """In a folder with a study that can be read, whose log is not driven through."""
     monkeypatch.chdir(tmp_path)
     Path("plan.toml").write_text(PLAN, encoding="utf-8")
-    monkeypatch.setattr("jaxslam.cli.study.keep_programs", lambda folder: None)
-    monkeypatch.setattr("jaxslam.cli.study.with_lidars", lambda plan: plan)
-    monkeypatch.setattr("jaxslam.cli.study.with_few_programs", lambda plan: plan)
+    monkeypatch.setattr("jaxslam.study.keep_programs", lambda folder: None)
+    monkeypatch.setattr("jaxslam.study.with_lidars", lambda plan: plan)
+    monkeypatch.setattr("jaxslam.study.with_few_programs", lambda plan: plan)
     return tmp_path
 
 

@@ -216,7 +216,7 @@ def test_the_name_need_not_have_a_folder_yet(tmp_path):
 
 def test_a_turtlebot_before_walls(data_dir, tmp_path, capsys):
     bags = data_dir / "calibration"
-    sources = [f"{bags}/turtlebot3_wall_{metres}m.mcap:{metres}" for metres in ("0.5", "1.0", "1.5", "2.0")]
+    sources = [f"{bags}/turtlebot3_wall_{meters}m.mcap:{meters}" for meters in ("0.5", "1.0", "1.5", "2.0")]
     assert main(["train-range", *sources, *QUICK, "--out", str(tmp_path / "real.eqx")]) == 0
     training = strict_json(tmp_path / "real-training" / "training.json")
     raw = [row["raw_mean"] for row in training["distances"]]
@@ -231,7 +231,7 @@ def test_a_turtlebot_before_walls(data_dir, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("data", "flags", "message"),
     [
-        ([], [], "give readings to learn from: FILE.csv, or LOG:METRES of a wall"),
+        ([], [], "give readings to learn from: FILE.csv, or LOG:METERS of a wall"),
         (["one.csv"], [], "all readings are at one distance (1 m): what a lidar is off by"),
         (["good.csv"], ["--held-out", "1.5"], "no readings at 1.5 m, which are to be held out: the nearest"),
         (["good.csv"], ["--held-out", "1", "3"], "one distance (2 m) is left to learn from"),
@@ -243,7 +243,7 @@ def test_a_turtlebot_before_walls(data_dir, tmp_path, capsys):
         (["good.csv", "missing.csv"], [], "missing.csv: No such file"),
         (["missing.mcap:1.0"], [], "missing.mcap: no such file"),
         (["good.csv", "wall.mcap"], [], "wall.mcap: give a table as FILE.csv, and a log with the distance"),
-        (["wall.mcap:0"], [], "its wall is said to be 0 m off: give metres, more than 0"),
+        (["wall.mcap:0"], [], "its wall is said to be 0 m off: give meters, more than 0"),
         (["good.csv:1.0"], [], "good.csv"),
         (["text.csv"], [], "text.csv: line 3: measured_m is 'far', which is no number"),
         (["other.csv"], [], "other.csv: no column measured_m in its first line (true_m, range)"),
@@ -313,7 +313,7 @@ def distances_to(segments, points):
 
 
 def wall_error(folder, segments):
-    """Root mean square of what the occupied cells of a map are off the true walls, metres."""
+    """Root mean square of what the occupied cells of a map are off the true walls, meters."""
     found = read_map(folder / "map.yaml")
     cells = (np.argwhere(found.occupied)[:, ::-1] + 0.5) * found.resolution + found.origin[:2]
     assert len(cells) > 300
@@ -347,7 +347,7 @@ def wrong_network(path):
     return path
 
 
-def test_a_localisation_uses_the_network(trained, drive, tmp_path):
+def test_a_localization_uses_the_network(trained, drive, tmp_path):
     folder, _, start = drive
     given = ["localize", str(folder / "hall.log"), "--map", str(folder / "hall.yaml"), "--start", start]
     given += ["--particles", "1024", "--reference", str(folder / "truth.tum")]

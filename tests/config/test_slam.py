@@ -114,7 +114,7 @@ def test_every_setting_is_explained():
 
 def test_toml_carries_the_units():
     lines = toml.dumps(SlamConfig().with_lidar("sick")).splitlines()
-    assert "metres" in lines[lines.index("usable_range = 16.0") - 1]
+    assert "meters" in lines[lines.index("usable_range = 16.0") - 1]
 
 
 @pytest.mark.parametrize("name", ["sensor.sigma_hit", "sigma_hit"])
@@ -171,10 +171,10 @@ def test_methods():
         ({"sigma_hit": [1.0]}, r"sensor.sigma_hit is \[1.0\]: give a number"),
         ({"proposal": "matcht"}, "proposal is 'matcht': did you mean 'matched'? There are motion, matched"),
         ({"proposal": "motion", "lost_below": 1.0}, "no setting is called 'lost_below'"),
-        ({"usable_range": 0.0}, "lidar.usable_range is 0.0: give a number of metres above 0"),
+        ({"usable_range": 0.0}, "lidar.usable_range is 0.0: give a number of meters above 0"),
         ({"min_range": 100.0}, "lidar.min_range is 100.0 m and lidar.max_range 80.0 m: exchange them"),
         ({"resolution": -0.05}, "map.resolution is -0.05"),
-        ({"margin": -1.0}, "map.margin is -1.0: give a number of metres, 0 or more"),
+        ({"margin": -1.0}, "map.margin is -1.0: give a number of meters, 0 or more"),
         ({"map.radius": 16}, "map.radius is 16: give 1 to 10 cells"),
         ({"min_translation": -0.1}, "thinning.min_translation is -0.1: give 0 or more"),
         ({"threshold": -0.5}, "threshold is -0.5, must be >= 0"),

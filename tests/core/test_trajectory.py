@@ -111,7 +111,7 @@ def test_returns_lie_inside_the_half_open_interval():
         (8.1, 1, None),
     ],
 )
-def test_saturated_readings_are_recognised(largest, copies, expected):
+def test_saturated_readings_are_recognized(largest, copies, expected):
     ranges = np.tile(np.linspace(0.5, 7.0, 20), (3, 1))
     ranges[:, :copies] = largest
     found = saturated_reading(ranges)
@@ -121,7 +121,7 @@ def test_saturated_readings_are_recognised(largest, copies, expected):
 
 
 def test_the_farthest_wall_is_not_saturation():
-    # A wall square to the beam at 6 m, in whole centimetres: the largest value stands twice in
+    # A wall square to the beam at 6 m, in whole centimeters: the largest value stands twice in
     # every scan, with readings just below it.
     angles = np.deg2rad(np.arange(-40, 41))
     wall = np.round(6.0 * np.ones(81), 2)
@@ -148,7 +148,7 @@ def test_poses_along_lead_from_one_known_pose_to_the_next():
 
 
 def test_poses_along_weigh_by_the_way_and_not_by_the_count():
-    # Three looks while the robot stands, then a metre: standing moves nothing.
+    # Three looks while the robot stands, then a meter: standing moves nothing.
     odometry = np.array([[0.0, 0.0, 0.0]] * 3 + [[1.0, 0.0, 0.0]])
     result = interpolate_along_odometry(
         odometry, np.array([0, 3]), np.array([[0.0, 0.0, 0.0], [1.3, 0.0, 0.0]])

@@ -75,7 +75,7 @@ def test_the_covariance_stays_symmetric_and_positive():
 
 
 @pytest.mark.parametrize("frame", ["body", "world"])
-def test_the_normalised_error_is_that_of_chi_square(frame):
+def test_the_normalized_error_is_that_of_chi_square(frame):
     """NEES over 100 drives whose motion and readings are drawn from the filter's own model."""
     ekf = EKF(acceleration=0.3, lateral_acceleration=0.3, angular_acceleration=0.3, gate=False, frame=frame)
     dt, steps, runs = 0.05, 60, 100

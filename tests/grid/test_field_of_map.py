@@ -26,8 +26,8 @@ def test_distances_are_exact_everywhere_even_off_the_map(shape, radius):
     wide = np.pad(occupied, around)
     truth = np.minimum(np.round(distance_transform_edt(~wide) ** 2), radius**2 + 1)
     rows, columns = np.indices(wide.shape) - around
-    centres = origin + resolution * (np.stack([columns, rows], axis=-1).reshape(-1, 2) + 0.5)
-    found = field.fine.squared_distance(jnp.asarray(centres, jnp.float32)) / resolution**2
+    centers = origin + resolution * (np.stack([columns, rows], axis=-1).reshape(-1, 2) + 0.5)
+    found = field.fine.squared_distance(jnp.asarray(centers, jnp.float32)) / resolution**2
     np.testing.assert_allclose(found, truth.ravel(), rtol=1e-4)
 
 
@@ -35,9 +35,9 @@ def test_coarse_level_sees_every_obstacle():
     occupied = np.zeros((13, 22), bool)
     occupied[0, 0] = occupied[12, 21] = occupied[6, 10] = True
     field = field_of_map_jit(jnp.asarray(occupied), jnp.zeros(2, jnp.float32), jnp.float32(1.0), 5)
-    centres = np.argwhere(occupied)[:, ::-1] + 0.5
-    squared = field.coarse.squared_distance(jnp.asarray(centres, jnp.float32))
-    # At most half a coarse diagonal is lost, so the obstacle's own or a neighbouring cell is marked.
+    centers = np.argwhere(occupied)[:, ::-1] + 0.5
+    squared = field.coarse.squared_distance(jnp.asarray(centers, jnp.float32))
+    # At most half a coarse diagonal is lost, so the obstacle's own or a neighboring cell is marked.
     assert (np.asarray(squared) <= 2 * 4.0**2).all()
     far = jnp.asarray([[-18.0, -18.0], [40.0, 30.0]], jnp.float32)
     np.testing.assert_allclose(field.coarse.squared_distance(far), 26 * 4.0**2, rtol=1e-6)

@@ -56,7 +56,7 @@ def test_free_poses_are_free_and_cover_all(origin):
 
 def test_a_turned_map_turns_the_world():
     known = KnownMap.from_map(room(origin=(1.0, -2.0, np.pi / 2)))
-    # A metre along the map's x axis is one up in the world.
+    # A meter along the map's x axis is one up in the world.
     cells = known.to_cells(jnp.asarray([[1.0, -1.0, np.pi / 2]], jnp.float32))
     np.testing.assert_allclose(cells, [[2.0, 0.0, 0.0]], atol=1e-5)
 

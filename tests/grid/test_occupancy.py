@@ -29,7 +29,7 @@ def scan_of(ranges, angle_min=0.0, increment=None, valid=None) -> LidarScan:
 
 
 def beam_ends(scan, heading, resolution=RESOLUTION, size=SIZE):
-    """(row, column) in the window of the beams of a lidar in the middle of the centre cell, in NumPy."""
+    """(row, column) in the window of the beams of a lidar in the middle of the center cell, in NumPy."""
     angles = heading + float(scan.angle_min) + float(scan.angle_increment) * np.arange(scan.num_beams)
     reach = np.asarray(scan.ranges, np.float64) / resolution
     offset = np.stack([reach * np.sin(angles), reach * np.cos(angles)], axis=-1)
@@ -108,7 +108,7 @@ def cells_to_free(scan, heading):
     away = np.abs((np.arctan2(rows, columns)[..., None] - angles + np.pi) % (2 * np.pi) - np.pi)
     spacing = abs(float(scan.angle_increment))
     reach = np.where(np.asarray(scan.valid), np.asarray(scan.ranges, np.float64), 0.0)
-    # A cell is freed by its nearest beam; both neighbours must reach it for it to be certain.
+    # A cell is freed by its nearest beam; both neighbors must reach it for it to be certain.
     near = away <= 0.5 * spacing + 1.01 * ENTRY
     may = (near & (reach >= distance + RESOLUTION - 1e-3)).any(axis=-1)
     around = away <= spacing + 1.01 * ENTRY

@@ -61,7 +61,7 @@ def test_five_by_five_by_hand():
     angles = jnp.asarray([0.0, np.pi / 2, -3 * np.pi / 4, np.pi, -np.pi / 2], jnp.float32)
     pose = jnp.asarray([2.5, 2.5, 0.0], jnp.float32)
     found = cast_jit(field_of(occupied), pose, angles, 7.0)
-    # Centre cell to the side of the cell two on; to the corner (1, 1) of cell (0, 0); and out of the map.
+    # Center cell to the side of the cell two on; to the corner (1, 1) of cell (0, 0); and out of the map.
     np.testing.assert_allclose(found, [1.5, 1.5, 1.5 * np.sqrt(2), 7.0, 7.0], atol=1e-5)
 
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from jaxslam.grid import OccupancyModel, thin_walls
-from jaxslam.grid.walls import NEIGHBOURS
+from jaxslam.grid.walls import NEIGHBORS
 
 
 def by_loops(window, share):
     result = window.copy()
     for row, column in np.ndindex(window.shape):
-        low, left = max(row - NEIGHBOURS, 0), max(column - NEIGHBOURS, 0)
-        strongest = window[low : row + NEIGHBOURS + 1, left : column + NEIGHBOURS + 1].max()
+        low, left = max(row - NEIGHBORS, 0), max(column - NEIGHBORS, 0)
+        strongest = window[low : row + NEIGHBORS + 1, left : column + NEIGHBORS + 1].max()
         if 0 < window[row, column] < share * strongest:
             result[row, column] = -1
     return result
@@ -40,7 +40,7 @@ def test_as_loops_say_away_from_the_sides():
     window = random.choice([-60, -3, 0, 5, 18, 40, 99, 127], (40, 30)).astype(np.int8)
     for share in (0.0, 0.25, 0.5, 1.0):
         found = jax.jit(thin_walls)(OccupancyModel(thinning_ratio=share), jnp.asarray(window))
-        inner = np.s_[:, NEIGHBOURS:-NEIGHBOURS]
+        inner = np.s_[:, NEIGHBORS:-NEIGHBORS]
         np.testing.assert_array_equal(np.asarray(found)[inner], by_loops(window, share)[inner])
 
 

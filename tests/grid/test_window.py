@@ -33,7 +33,7 @@ def maps_of(count):
     [
         # Position (2.1, 4.2) is in cell row 6, column 8: a 4 × 6 window begins 2 rows and 3 columns before.
         ((2.1, 4.2), (4, 5), False),
-        # The first and the last place that fit: centre cells (2, 3) and (10, 13).
+        # The first and the last place that fit: center cells (2, 3) and (10, 13).
         ((-0.5, 2.0), (0, 0), False),
         ((4.5, 6.0), (8, 10), False),
         ((-0.51, 2.0), (0, 0), True),

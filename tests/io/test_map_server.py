@@ -87,7 +87,7 @@ def test_absolute_image_paths_are_used(folder, tmp_path_factory):
     assert read_map(other).occupied.any()
 
 
-def test_the_savers_grey_is_unknown_whatever_the_threshold(folder):
+def test_the_savers_gray_is_unknown_whatever_the_threshold(folder):
     # 205 is 0.196 occupied: below nav2's default free_thresh of 0.25.
     path = change(folder, "free_thresh: 0.196", "free_thresh: 0.25")
     known = read_map(path)
@@ -119,12 +119,12 @@ def test_every_kind_of_pgm_is_the_same_map(folder, data):
 
 @pytest.mark.parametrize("mode", ["L", "RGB", "RGBA", "P", "I;16"])
 def test_every_kind_of_png_is_the_same_map(folder, mode):
-    grey = np.array([[0, 254, 205], [254, 254, 0]], dtype=np.uint8)
+    gray = np.array([[0, 254, 205], [254, 254, 0]], dtype=np.uint8)
     if mode == "I;16":
-        image = Image.fromarray(grey.astype(np.uint16) * 257)
+        image = Image.fromarray(gray.astype(np.uint16) * 257)
         assert image.mode == mode
     else:
-        image = Image.fromarray(grey).convert(mode)
+        image = Image.fromarray(gray).convert(mode)
     image.save(folder / "a.png")
     known = read_map(change(folder, "a.pgm", "a.png"))
     assert known.occupied.tolist() == [[False, False, True], [True, False, False]]

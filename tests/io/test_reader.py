@@ -7,20 +7,20 @@ import shutil
 import numpy as np
 import pytest
 
-from jaxslam.io import LogError, SensorLog, read_log, summarise
+from jaxslam.io import LogError, SensorLog, read_log, summarize
 from jaxslam.io.log import FixTrack, ImuTrack, JointTrack, OdometryTrack, ScanTrack
 
 LINE = b"FLASER 2 1.0 81.83 0 0 0 0 0 0 1.0 host 1.0\n"
 
 
 @pytest.mark.parametrize("name", ["a.log", "a.clf", "a.carmen"])
-def test_carmen_logs_are_recognised_by_suffix(tmp_path, name):
+def test_carmen_logs_are_recognized_by_suffix(tmp_path, name):
     (tmp_path / name).write_bytes(LINE)
     assert read_log(tmp_path / name).scans.topic == "FLASER"
 
 
 @pytest.mark.parametrize("name", ["a.clf.gz", "a.gz", "a", "a.log"])
-def test_gzip_is_recognised_by_content(tmp_path, name):
+def test_gzip_is_recognized_by_content(tmp_path, name):
     (tmp_path / name).write_bytes(gzip.compress(LINE))
     assert read_log(str(tmp_path / name)).scans.topic == "FLASER"
 
@@ -54,7 +54,7 @@ def test_topics_are_refused_where_there_are_none(tmp_path):
         read_log(tmp_path / "a.log", scan_topic="/scan")
 
 
-def test_bags_are_recognised_and_topics_passed_on(tmp_path, data_dir):
+def test_bags_are_recognized_and_topics_passed_on(tmp_path, data_dir):
     shutil.copy(data_dir / "calibration" / "turtlebot3_wall_0.5m.mcap", tmp_path / "a.mcap")
     assert read_log(tmp_path / "a.mcap", scan_topic="scan").scans.stamps.size == 289
     with pytest.raises(LogError, match="no topic '/odm'"):
@@ -100,7 +100,7 @@ def full_log(tmp_path):
 
 
 def test_the_summary_says_what_is_there(full_log):
-    text = summarise(full_log)
+    text = summarize(full_log)
     # 15 returns of 19 beams; four steps of 1 rad are 229°; 4e-4° of longitude at 45° are 31 m.
     for expected in (
         "5 scans on /scan, 2.3 s, 1.74 Hz",
@@ -121,15 +121,15 @@ def test_the_summary_says_what_is_there(full_log):
 
 
 def test_an_empty_log_has_a_summary(tmp_path):
-    text = summarise(SensorLog(tmp_path))
+    text = summarize(SensorLog(tmp_path))
     assert [line.split(None, 1)[0] for line in text.splitlines()[1:]] == [
         *("scans", "odometry", "not", "warnings")
     ]
 
 
-def test_real_logs_are_summarised_in_a_hundred_columns(data_dir):
+def test_real_logs_are_summarized_in_a_hundred_columns(data_dir):
     for name in ("carmen/wean_robotdata1.clf.gz", "bags/turtlebot3_drive.mcap"):
-        lines = summarise(read_log(data_dir / name)).splitlines()
+        lines = summarize(read_log(data_dir / name)).splitlines()
         assert max(len(line) for line in lines[1:]) <= 100
 
 

@@ -59,7 +59,7 @@ def test_beams_without_return_neither_have_nor_make_one():
     assert not found(np.zeros((9, 2)), np.zeros(9, bool)).any()
 
 
-def test_the_first_and_the_last_beam_are_no_neighbours():
+def test_the_first_and_the_last_beam_are_no_neighbors():
     """A scan of 180° starts and ends on different walls."""
     points = wall(0.0, 0.05, 4)
     assert np.isfinite(found(points)).all()

@@ -1,18 +1,18 @@
-"""Small maps for the localisation tests."""
+"""Small maps for the localization tests."""
 
 import numpy as np
 
 from jaxslam.grid import GridSpec
 from jaxslam.io import OccupancyMap
 from jaxslam.sim import hall_small
-from jaxslam.sim.rasterize import rasterise
+from jaxslam.sim.rasterize import rasterize
 
 
 def hall_map(resolution=0.05):
     """The small hall as a map: its walls, and everything else inside them free."""
     world, waypoints = hall_small()
     spec = GridSpec.covering(np.array([-0.5, -0.5]), np.array([18.5, 15.5]), resolution)
-    occupied = np.asarray(rasterise(world, spec))
+    occupied = np.asarray(rasterize(world, spec))
     free = np.zeros_like(occupied)
     side = round(0.5 / resolution)
     free[side:-side, side:-side] = ~occupied[side:-side, side:-side]

@@ -13,7 +13,7 @@ from jaxslam.matching import ICP, rigid_fit
 RESOLUTION = 0.05
 ANGLES = np.deg2rad(np.arange(-90.0, 90.0))
 POSE = np.array([0.4, -0.3, 0.2])
-# Half sides of a room, metres, and a box in it: lower and upper corner.
+# Half sides of a room, meters, and a box in it: lower and upper corner.
 ROOM, BOX = np.array([3.0, 2.0]), np.array([[1.2, 0.4], [1.9, 1.1]])
 
 match = jax.jit(ICP.match)
@@ -41,7 +41,7 @@ def ends_of(pose, noise=0.0, valid=None) -> ScanPoints:
 
 @pytest.fixture(scope="module")
 def field():
-    """The walls in 5 cm cells whose centres lie on them."""
+    """The walls in 5 cm cells whose centers lie on them."""
     occupied = np.zeros((121, 161), bool)
 
     def cells(low, high):
@@ -87,10 +87,10 @@ def test_the_closed_form_is_the_singular_value_decomposition(seed):
         points @ np.array([[0.6, -0.8], [0.8, 0.6]]).T + [1.0, -2.0] + 0.1 * random.normal(size=(30, 2))
     )
     total = weights.sum()
-    centre, target = weights @ points / total, weights @ partners / total
-    u, _, vt = np.linalg.svd((points - centre).T @ np.diag(weights) @ (partners - target))
+    center, target = weights @ points / total, weights @ partners / total
+    u, _, vt = np.linalg.svd((points - center).T @ np.diag(weights) @ (partners - target))
     turn = vt.T @ np.diag([1.0, np.linalg.det(vt.T @ u.T)]) @ u.T
-    expected = [*(target - turn @ centre), np.arctan2(turn[1, 0], turn[0, 0])]
+    expected = [*(target - turn @ center), np.arctan2(turn[1, 0], turn[0, 0])]
     arguments = (jnp.asarray(a, jnp.float32) for a in (points, partners, weights))
     np.testing.assert_allclose(fit(*arguments), expected, atol=1e-5)
 
@@ -135,5 +135,5 @@ def test_the_covariance_is_long_where_the_walls_say_nothing(field):
     found = match(ICP(), field, ends, jnp.zeros(3, jnp.float32))
     covariance = np.asarray(found.covariance)
     assert np.linalg.eigvalsh(covariance).min() > 0
-    # Only the walls to both sides are seen: along them, x, a metre is possible.
+    # Only the walls to both sides are seen: along them, x, a meter is possible.
     assert covariance[0, 0] > 100 * covariance[1, 1]

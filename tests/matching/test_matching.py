@@ -40,7 +40,7 @@ def ends_of(reach, valid=None) -> ScanPoints:
 
 @functools.cache
 def room_field(walls="all"):
-    """The walls drawn into 0.1 m cells, whose centres lie on them."""
+    """The walls drawn into 0.1 m cells, whose centers lie on them."""
     occupied = np.zeros((61, 81), bool)
 
     def cell(x, y):
@@ -68,9 +68,9 @@ def prior_of(mean, precision=(0.0, 0.0, 0.0)) -> PosePrior:
     return PosePrior(jnp.asarray(mean, jnp.float32), jnp.diag(jnp.asarray(precision, jnp.float32)))
 
 
-def assert_near(found, expected, metres=0.02, radians=0.01):
+def assert_near(found, expected, meters=0.02, radians=0.01):
     error = np.asarray(found, float) - expected
-    assert np.hypot(*error[:2]) < metres
+    assert np.hypot(*error[:2]) < meters
     assert abs((error[2] + np.pi) % (2 * np.pi) - np.pi) < radians
 
 
@@ -105,7 +105,7 @@ def test_coarse_to_fine_recovers_larger_offsets(offset):
 
 
 @pytest.mark.parametrize("offset", [(1.0, 0, 0.5), (-0.7, 0.7, -0.5), (0, -1.0, 0.5236)])
-def test_search_recovers_a_metre_and_thirty_degrees(offset):
+def test_search_recovers_a_meter_and_thirty_degrees(offset):
     start, ends = jnp.asarray(TRUE_POSE + offset, jnp.float32), ends_of(ranges(TRUE_POSE))
     searcher = CorrelativeSearch(
         reach=1.2, reach_rotation=0.6, num_translations=13, num_rotations=25, num_beams=40
@@ -113,7 +113,7 @@ def test_search_recovers_a_metre_and_thirty_degrees(offset):
     found = search(searcher, room_field(), ends, start, prior_of(start))
     # The coarse level may prefer a lattice point beside the best one, 0.2 m and 50 mrad away; the matcher,
     # which always follows, has that in its basin.
-    assert_near(found, TRUE_POSE, metres=0.2, radians=0.05)
+    assert_near(found, TRUE_POSE, meters=0.2, radians=0.05)
     refined = match(
         GaussNewton(sigma_cells=2.0, num_iterations=15), room_field().fine, ends, found, prior_of(found)
     )
@@ -136,7 +136,7 @@ def test_prior_keeps_the_axis_of_a_corridor():
         matcher, room_field("corridor").fine, ends, jnp.asarray(start, jnp.float32),
         prior_of(start, (10.0, 0.0, 0.0)),
     )  # fmt: skip
-    assert_near(found, [start[0], *TRUE_POSE[1:]], metres=0.02)
+    assert_near(found, [start[0], *TRUE_POSE[1:]], meters=0.02)
 
 
 def test_an_empty_map_returns_the_prior():
@@ -176,7 +176,7 @@ def test_a_look_round_finds_the_heading(error):
         jnp.float32(TRUE_POSE[2] + error), jnp.float32(0.2),
     )  # fmt: skip
     np.testing.assert_allclose(found[:2], TRUE_POSE[:2], atol=1e-6)
-    # Headings are 0.06 rad apart, and cells of 0.4 m blur neighbours together.
+    # Headings are 0.06 rad apart, and cells of 0.4 m blur neighbors together.
     assert abs(float(found[2]) - TRUE_POSE[2]) < 0.1
 
 

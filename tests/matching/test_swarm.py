@@ -32,7 +32,7 @@ def ackley(x):
 
 @functools.partial(jax.jit, static_argnums=0)
 def run(fitness, flies, key, start, scale):
-    return flies.maximise(fitness, key, start, scale)
+    return flies.maximize(fitness, key, start, scale)
 
 
 def results(fitness, flies, start, scale):
@@ -91,7 +91,7 @@ def test_the_same_key_gives_the_same_bytes():
 
 def test_bounds_hold():
     lower, upper = jnp.asarray([0.5, -1.0], jnp.float32), jnp.asarray([2.0, -0.25], jnp.float32)
-    found = jax.jit(lambda key: IMPROVED.maximise(sphere, key, jnp.ones(2), jnp.ones(2), lower, upper))(
+    found = jax.jit(lambda key: IMPROVED.maximize(sphere, key, jnp.ones(2), jnp.ones(2), lower, upper))(
         jax.random.key(0)
     )
     np.testing.assert_allclose(found.position, [0.5, -0.25], atol=0.02)
@@ -124,7 +124,7 @@ def test_new_floats_do_not_recompile():
     def counted(flies, scale):
         nonlocal traces
         traces += 1
-        return flies.maximise(sphere, jax.random.key(0), jnp.ones(2), scale).position
+        return flies.maximize(sphere, jax.random.key(0), jnp.ones(2), scale).position
 
     for shrink in (1.0, 0.9):
         counted(FruitFlies(shrink=jnp.float32(shrink)), jnp.full(2, shrink, jnp.float32))
@@ -142,7 +142,7 @@ def own_hills(positions):
 
 @functools.partial(jax.jit, static_argnums=0)
 def run_each(fitness, flies, key, lower, upper):
-    return flies.maximise_each(fitness, key, STARTS, jnp.full(2, 0.2, jnp.float32), lower, upper)
+    return flies.maximize_each(fitness, key, STARTS, jnp.full(2, 0.2, jnp.float32), lower, upper)
 
 
 @pytest.mark.parametrize(
@@ -170,7 +170,7 @@ def test_flies_stay_within_their_own_bounds_though_they_go_to_the_best():
 
 def test_a_swarm_of_one_is_a_swarm():
     start = jnp.asarray([[0.3, 0.3]], jnp.float32)
-    found = FruitFlies(1, 5).maximise_each(
+    found = FruitFlies(1, 5).maximize_each(
         lambda x: -jnp.sum(x * x, axis=1), jax.random.key(0), start, jnp.full(2, 0.2), start - 1, start + 1
     )
     assert float(found.fitness[0]) > -0.18

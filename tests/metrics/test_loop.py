@@ -10,7 +10,7 @@ SIDE, WIDTH = 12.0, 2.0
 
 
 def square_path(overlap: float = 4.0, step: float = 0.2) -> np.ndarray:
-    """Once round a square corridor, and `overlap` metres of it again."""
+    """Once round a square corridor, and `overlap` meters of it again."""
     along = np.arange(0.0, 4 * SIDE + overlap, step) % (4 * SIDE)
     side, rest = np.divmod(along, SIDE)
     corners = np.array([[0.0, 0.0], [SIDE, 0.0], [SIDE, SIDE], [0.0, SIDE]])
@@ -56,7 +56,7 @@ def test_a_run_in_another_frame_is_as_closed():
 
 def test_drift_that_was_made_good_does_not_open_a_loop():
     estimate = TRUTH.copy()
-    # Half-way round it is a metre off, at the end no more.
+    # Half-way round it is a meter off, at the end no more.
     estimate[:, 0] += np.sin(np.linspace(0.0, np.pi, len(TRUTH)))
     estimate[-25:] = TRUTH[-25:]
     assert loop_closed(TRUTH, estimate, corridor_map(), corridor_map()).closed

@@ -44,7 +44,7 @@ def test_five_by_five_without_tolerance():
 
 def test_five_by_five_with_one_cell_of_tolerance():
     score = map_score(drawn(REFERENCE), drawn(ESTIMATE), tolerance_m=1.0)
-    # Every cell now has an occupied neighbour in the other map.
+    # Every cell now has an occupied neighbor in the other map.
     assert (score.precision, score.recall, score.iou) == (1.0, 1.0, 1.0)
     assert score.free_iou == pytest.approx(7 / 11)
 
@@ -145,7 +145,7 @@ def test_a_slanted_pose_keeps_walls_and_free_space():
         inside & occupied[row, column], inside & free[row, column], 0.05, np.array([-1.0, -2.0])
     )
     score = map_score(truth, estimate, tolerance_m=0.1, pose_reference_estimate=pose)
-    # Two roundings to a cell move a centre by less than one cell diagonal, 0.071 m.
+    # Two roundings to a cell move a center by less than one cell diagonal, 0.071 m.
     assert (score.precision, score.recall) == (1.0, 1.0)
     # Only cells at the rim can flip: 4 × 98 of 98² cells, at most half of them.
     assert score.free_iou > 1 - 2 * 98 / 98**2

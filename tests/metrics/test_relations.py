@@ -164,5 +164,5 @@ def test_intel_odometry_alone_uses_every_relation(data_dir):
     rows = np.loadtxt(data_dir / "carmen" / "intel.relations")
     error = relation_errors(stamps, odometry, stamps, odometry, rows[:, 0], rows[:, 1], rows[:, [2, 3, 7]])
     assert (error.n, error.n_unused) == (2984, 0)
-    # Raw odometry is far off, but not lost: metres, not kilometres, and worse than scan matching.
+    # Raw odometry is far off, but not lost: meters, not kilometers, and worse than scan matching.
     assert 0.22 < error.trans_mean_m < 20

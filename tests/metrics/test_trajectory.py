@@ -175,7 +175,7 @@ def test_errors_ignore_the_frame_of_the_estimate():
         assert getattr(second, name) == pytest.approx(value, abs=1e-9)
 
 
-def test_pose_errors_are_what_the_statistics_summarise():
+def test_pose_errors_are_what_the_statistics_summarize():
     stamps, reference, estimate = wander(9)
     errors = pose_errors(stamps, reference, stamps, estimate)
     summary = absolute_trajectory_error(stamps, reference, stamps, estimate)

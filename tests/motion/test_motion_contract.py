@@ -144,7 +144,7 @@ def test_density_integrates_to_one_and_predicts_the_histogram(name, increment):
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_density_penalises_what_the_samples_do_not_reach(name):
+def test_density_penalizes_what_the_samples_do_not_reach(name):
     odometry = odometry_of(INCREMENTS["forward"])
     far = jnp.array([[5.0, 0.0, 0.0], [0.0, 5.0, 0.0], [0.0, 0.0, 3.0]], jnp.float32)
     errors = jnp.concatenate([jnp.zeros((1, 3), jnp.float32), far])

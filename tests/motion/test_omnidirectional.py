@@ -37,7 +37,7 @@ def test_moments_of_the_samples(delta, direction):
     np.testing.assert_allclose(samples.mean(axis=0), delta, atol=1e-3)
     along = samples[:, 0] * np.cos(direction) + samples[:, 1] * np.sin(direction)
     across = samples[:, 1] * np.cos(direction) - samples[:, 0] * np.sin(direction)
-    # All three drive half a metre.
+    # All three drive half a meter.
     turned = delta[2] ** 2
     expected = np.sqrt(
         [

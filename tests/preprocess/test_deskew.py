@@ -12,7 +12,7 @@ from jaxslam.preprocess.deskew import at_rest, sweep_timing
 from jaxslam.preprocess.lag import estimate_lag
 
 ROOM = np.array([4.0, 2.5])
-"""Half sides, metres: off a square, so that a quarter turn is seen."""
+"""Half sides, meters: off a square, so that a quarter turn is seen."""
 
 
 def _ranges(poses, angles):
@@ -64,7 +64,7 @@ CLOCKWISE = (241, 2.0, -4.0 / 240)
 
 
 @pytest.mark.parametrize("beams", [WHOLE_TURN, ARC, CLOCKWISE], ids=["whole turn", "arc", "clockwise"])
-@pytest.mark.parametrize("mounting", [(0.0, 0.0, 0.0), (0.2, -0.1, 0.5)], ids=["centred", "mounted"])
+@pytest.mark.parametrize("mounting", [(0.0, 0.0, 0.0), (0.2, -0.1, 0.5)], ids=["centered", "mounted"])
 def test_ranges_are_those_from_the_pose_at_the_stamp(beams, mounting):
     log, wanted = _log(*beams, turn_time=0.2, middle=0.07, mounting=mounting)
     timing = sweep_timing(log, turn_time=0.2, max_lag=0.5)

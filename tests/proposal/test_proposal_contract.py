@@ -44,7 +44,7 @@ MOTION, SENSOR = (
 
 
 def make_field():
-    """A room from (−2.5, −1.5) to (2.5, 1.5), in 0.1 m cells whose centres lie on the walls."""
+    """A room from (−2.5, −1.5) to (2.5, 1.5), in 0.1 m cells whose centers lie on the walls."""
     occupied = np.zeros((41, 61), bool)
     occupied[[5, 35], 5:56] = occupied[5:36, [5, 55]] = True
     corner = jnp.asarray([-3.05, -2.05], jnp.float32)

@@ -14,7 +14,7 @@ SHORTEST, LONGEST = 0.12, 3.5
 
 @pytest.fixture(scope="module")
 def network() -> RangeNetwork:
-    """One that corrects by centimetres, as a trained one would, and not by the same at its two ends."""
+    """One that corrects by centimeters, as a trained one would, and not by the same at its two ends."""
     drawn = RangeNetwork.draw(jax.random.key(1), 20, SHORTEST, LONGEST)
     noise = 0.05 * jax.random.normal(jax.random.key(2), (20,))
     bent = eqx.tree_at(lambda n: n.weights_out, drawn, drawn.weights_out + noise)
@@ -120,7 +120,7 @@ def test_vmap_and_jit_compute_the_same(network):
         jax.vmap(jax.vmap(network))(ranges),
         jnp.stack([network(value) for value in ranges.ravel()]).reshape(ranges.shape),
     ):
-        # A metre in float32 is 1e-7 m; twenty summands.
+        # A meter in float32 is 1e-7 m; twenty summands.
         np.testing.assert_allclose(other, plain, atol=1e-5)
 
 

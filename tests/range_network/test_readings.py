@@ -109,16 +109,16 @@ def test_a_row_that_ends_early_is_a_lost_reading(table):
             "two columns true_m in its first line: which one is meant?",
         ),
         (TABLE + ",2.0\n", "line 5: true_m is '', which is no number"),
-        (TABLE + "nan,2.0\n", "line 5: true_m is nan: give metres, more than 0"),
-        (TABLE + "\ninf,2.0\n", "line 6: true_m is inf: give metres, more than 0"),
-        (TABLE + "0,2.0\n", "line 5: true_m is 0: give metres, more than 0"),
-        (TABLE + "-2.0,2.0\nnan,1\n", "line 5: true_m is -2: give metres, more than 0"),
-        (TABLE + "2000,2.0\n", "line 5: a wall 2000 m off: are these millimetres? Give metres"),
+        (TABLE + "nan,2.0\n", "line 5: true_m is nan: give meters, more than 0"),
+        (TABLE + "\ninf,2.0\n", "line 6: true_m is inf: give meters, more than 0"),
+        (TABLE + "0,2.0\n", "line 5: true_m is 0: give meters, more than 0"),
+        (TABLE + "-2.0,2.0\nnan,1\n", "line 5: true_m is -2: give meters, more than 0"),
+        (TABLE + "2000,2.0\n", "line 5: a wall 2000 m off: are these millimeters? Give meters"),
         (
             "true_m,measured_m\n1.0,1010\n1.0,1020\n2.0,2.0\n",
-            "readings of 1010 m: are these millimetres?",
+            "readings of 1010 m: are these millimeters?",
         ),
-        ("true_m,measured_m\n1000,1010\n2000,2020\n", "line 2: a wall 1000 m off: are these millimetres?"),
+        ("true_m,measured_m\n1000,1010\n2000,2020\n", "line 2: a wall 1000 m off: are these millimeters?"),
         ("true_m,measured_m\n1.0,0\n2.0,nan\n3.0,\n", "none of its 3 readings is a distance"),
     ],
     ids=str,
@@ -154,14 +154,14 @@ def test_exchanged_columns_are_told(table):
 
 def test_exchanged_columns_with_a_lost_reading_are_told(table):
     """A lost one is 0, which no distance can be."""
-    assert "line 6: true_m is 0: give metres" in refusal(table(TABLE + "1.0,1.02\n0,1.0\n"))
+    assert "line 6: true_m is 0: give meters" in refusal(table(TABLE + "1.0,1.02\n0,1.0\n"))
     assert "are the columns exchanged?" in refusal(table(exchanged(50, 4) + "0,1.0\n"))
 
 
 def test_a_table_with_few_readings_is_not_taken_for_exchanged(table):
     text = "true_m,measured_m\n" + "".join(f"{d / 10},{d / 10 + 0.01}\n" for d in range(5, 25))
     assert len(read_readings(table(text)).distances) == 20
-    # Nor is a lidar that reads whole millimetres and scatters by few.
+    # Nor is a lidar that reads whole millimeters and scatters by few.
     few = "true_m,measured_m\n" + "".join(f"{d},{d + 0.001 * (i % 3)}\n" for d in (1, 2) for i in range(99))
     assert len(read_readings(table(few)).distances) == 2
 
@@ -184,7 +184,7 @@ def test_files_that_are_not_there(tmp_path):
 @pytest.mark.parametrize("distance", ["0", "-1", "nan", "inf", "1000"])
 def test_walls_that_are_nowhere(tmp_path, distance):
     said = refusal(f"{tmp_path}/wall.mcap:{distance}")
-    assert said == f"its wall is said to be {float(distance):g} m off: give metres, more than 0"
+    assert said == f"its wall is said to be {float(distance):g} m off: give meters, more than 0"
 
 
 @pytest.fixture
@@ -244,7 +244,7 @@ def test_a_turtlebot_before_a_wall(data_dir):
     readings = read_readings(source)
     assert (readings.distances == 1.0).all()
     assert len(readings.true) == 109
-    # Its own drift between sessions is a millimetre or two.
+    # Its own drift between sessions is a millimeter or two.
     assert readings.measured.mean() - 1.0 == pytest.approx(0.0038, abs=0.0005)
     assert 0.001 < readings.measured.std() < 0.02
     assert readings.num_lost > 0

@@ -29,7 +29,7 @@ def clean(distances) -> Rows:
 
 
 def noisy(seed, sigma=0.01) -> Rows:
-    """200 readings each centimetre, as a lidar gives them, in millimetres."""
+    """200 readings each centimeter, as a lidar gives them, in millimeters."""
     true = np.repeat(np.linspace(1.0, 1.2, 21), 200)
     measured = true + error_at(true) + np.random.default_rng(seed).normal(0.0, sigma, len(true))
     return Rows.from_readings(np.round(measured, 3), true)
@@ -52,7 +52,7 @@ def test_rows_keep_the_error_of_single_readings(seed):
     true = np.repeat(np.linspace(1.0, 1.2, 21), 200)
     measured = np.round(true + error_at(true) + rng.normal(0.0, 0.01, len(true)), 3)
     rows = Rows.from_readings(measured, true)
-    # Some 300 different millimetres, in each of which readings of several distances lie.
+    # Some 300 different millimeters, in each of which readings of several distances lie.
     assert len(np.unique(measured)) == len(rows.measured) < 400
     assert float(rows.scatter) > 1e-5
     assert float(rows.weight.sum()) == pytest.approx(1.0, abs=1e-6)

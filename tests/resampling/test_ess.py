@@ -1,4 +1,4 @@
-"""Normalisation and the effective sample size against scipy and hand-computed numbers."""
+"""Normalization and the effective sample size against scipy and hand-computed numbers."""
 
 import jax
 import jax.numpy as jnp
@@ -22,10 +22,10 @@ def test_against_scipy_in_float64(count, offset):
     rng = np.random.default_rng(count)
     log_weights = (rng.normal(0.0, 2.0, count) + offset).astype(np.float32)
     exact = log_weights.astype(np.float64)
-    normalised = exact - scipy.special.logsumexp(exact)
-    ess = np.exp(-scipy.special.logsumexp(2.0 * normalised))
+    normalized = exact - scipy.special.logsumexp(exact)
+    ess = np.exp(-scipy.special.logsumexp(2.0 * normalized))
     # float32 around 20 is 1.9e-6 apart.
-    np.testing.assert_allclose(normalize(jnp.asarray(log_weights)), normalised, atol=4e-6)
+    np.testing.assert_allclose(normalize(jnp.asarray(log_weights)), normalized, atol=4e-6)
     found = float(effective_sample_size(jnp.asarray(log_weights)))
     assert found == pytest.approx(ess, rel=1e-5)
 

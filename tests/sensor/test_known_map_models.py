@@ -55,7 +55,7 @@ POSE = (1.25, 1.25, 0.0)
 def test_product_by_hand():
     known = KnownMap.from_map(room())
     model = field_model(sigma_hit=0.5, independent_beams=2.0)
-    # Ahead into the wall cell (7), right half a metre short of its wall (0), left in the room's middle.
+    # Ahead into the wall cell (7), right half a meter short of its wall (0), left in the room's middle.
     scan = scan_of([0.5, 2.5, 0.5])
     expected = np.log([beam(0.5, 0.5), beam(0.0, 0.5), beam(1.0, 0.5)]).mean() * 2.0
     assert log_likelihood(model, known, scan, POSE) == pytest.approx(expected, rel=1e-4)
@@ -129,8 +129,8 @@ def test_beams_that_are_not_looked_at_are_not_counted():
 
 
 @pytest.mark.parametrize("model", [field_model(sigma_hit=0.5, independent_beams=1.0), Beam(10.0)])
-def test_a_lidar_off_the_centre_sees_from_where_it_is(model):
-    """Half a metre ahead on the robot and turned left: its beam ahead is one to the robot's left."""
+def test_a_lidar_off_the_center_sees_from_where_it_is(model):
+    """Half a meter ahead on the robot and turned left: its beam ahead is one to the robot's left."""
     known = KnownMap.from_map(room())
     mounted = scan_of([1.5], angles_from=0.0, lidar=(0.5, 0.0, np.pi / 2))
     there = scan_of([1.5], angles_from=0.0)

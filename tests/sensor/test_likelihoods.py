@@ -78,7 +78,7 @@ def test_likelihood_field_without_a_beam_tells_nothing():
 ENDPOINT = Endpoint(sigma_hit=0.1, log_miss=-3.0, beam_weight=1.0)
 ENDPOINT_CASES = {
     "on the obstacle": ([(2, 4)], [0.2, 0.0], 0.0),
-    "3 cm before its centre": ([(2, 4)], [0.17, 0.0], -0.5 * 0.3**2),
+    "3 cm before its center": ([(2, 4)], [0.17, 0.0], -0.5 * 0.3**2),
     "one cell short": ([(2, 4)], [0.1, 0.0], -0.5),
     # Both are next to the end; the nearer one counts.
     "nearest of two": ([(2, 4), (1, 3)], [0.14, 0.0], -0.5 * 0.6**2),
@@ -164,6 +164,6 @@ def test_a_moved_map_and_a_turned_robot_give_the_same(model):
     # A quarter turn to the left, with the map turned alike: (row, column) becomes (column, 4 − row).
     turned = field_of([(column, 4 - row) for row, column in cells])
     assert value(model, turned, scan, (0.25, 0.25, np.pi / 2)) == pytest.approx(here, abs=1e-4)
-    # The lidar turned on the robot instead, and off its centre.
+    # The lidar turned on the robot instead, and off its center.
     mounted = scan_of([0.17, 0.21], mounting=(0.1, 0.0, np.pi / 2))
     assert value(model, turned, mounted, (0.15, 0.25, 0.0)) == pytest.approx(here, abs=1e-4)

@@ -22,7 +22,7 @@ MODELS = {
 every_model = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS.keys())
 NUM_BEAMS, RESOLUTION = 32, 0.1
 MOUNTING = np.array([0.2, -0.1, 0.4])
-# Centre of a room of 4 × 3 m with a pillar, and poses around the true one.
+# Center of a room of 4 × 3 m with a pillar, and poses around the true one.
 TRUE_POSE = jnp.asarray([0.3, -0.2, 0.5], jnp.float32)
 
 
@@ -36,7 +36,7 @@ def room():
 
 
 def walk_out(occupied, start, angle):
-    """Range of a ray in the room, by steps of a millimetre."""
+    """Range of a ray in the room, by steps of a millimeter."""
     along = np.arange(0.0, 6.0, 1e-3)
     points = start + along[:, None] * np.array([np.cos(angle), np.sin(angle)])
     cells = np.floor((points - [-2.3, -1.8]) / RESOLUTION).astype(int)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxslam.grid.spec import GridSpec
-from jaxslam.sim import World, box, hall_small, observable, polyline, rasterise, reachable
+from jaxslam.sim import World, box, hall_small, observable, polyline, rasterize, reachable
 
 
 def grid(height: int, width: int, resolution: float = 1.0, origin=(0.0, 0.0)) -> GridSpec:
@@ -38,19 +38,19 @@ def line(*points: tuple[float, float]) -> World:
     ],
 )
 def test_golden(points: list[tuple[float, float]], picture: str) -> None:
-    np.testing.assert_array_equal(rasterise(line(*points), grid(5, 5)), cells(picture))
+    np.testing.assert_array_equal(rasterize(line(*points), grid(5, 5)), cells(picture))
 
 
 def test_origin_and_resolution() -> None:
     world = line((-0.95, 0.55), (-0.75, 0.55))
-    occupied = rasterise(world, grid(2, 4, 0.1, (-1.0, 0.4)))
+    occupied = rasterize(world, grid(2, 4, 0.1, (-1.0, 0.4)))
     np.testing.assert_array_equal(occupied, cells("###. ...."))
 
 
 def test_against_dense_sampling() -> None:
     world, _ = hall_small()
     spec = grid(320, 380, 0.05, (-0.52, -0.53))
-    occupied = rasterise(world, spec)
+    occupied = rasterize(world, spec)
     sampled = np.zeros_like(occupied)
     segments = np.asarray(world.segments, np.float64)
     for x1, y1, x2, y2 in segments:

@@ -46,7 +46,7 @@ def test_without_errors_it_follows_the_true_drive() -> None:
 
 
 def test_ticks_by_hand() -> None:
-    # Straight at 1 m/s: one turn of the wheel is 2π·0.1 m, so 2048/(0.2π) = 3259.5 ticks per metre.
+    # Straight at 1 m/s: one turn of the wheel is 2π·0.1 m, so 2048/(0.2π) = 3259.5 ticks per meter.
     odometry = run(PERFECT, steady(1.0, 0.0))
     np.testing.assert_array_equal(odometry.ticks[50], [3259, 3259])
     np.testing.assert_array_equal(odometry.ticks[0], [0, 0])
@@ -130,7 +130,7 @@ def test_systematic_errors_have_the_given_spread() -> None:
     assert np.mean(errors.track_width) == pytest.approx(0.03, abs=6.4e-4)
 
 
-def test_default_drift_over_100_metres_is_what_the_docstring_says() -> None:
+def test_default_drift_over_100_meters_is_what_the_docstring_says() -> None:
     _, tour = hall_small()
     motion = follow_tour(Robot(), jnp.asarray(tour, jnp.float32), 13_000)
     step = int(np.searchsorted(np.cumsum(motion.velocities[:, 0]) / 100, 100.0)) // 2 * 2

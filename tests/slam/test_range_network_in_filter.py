@@ -174,7 +174,7 @@ def test_a_map_learns_nothing_of_beams_without_return(network, rbpf):
     assert np.asarray(state.maps).any()
 
 
-def test_a_localisation_counts_no_beam_without_return(network, amcl):
+def test_a_localization_counts_no_beam_without_return(network, amcl):
     correcting = dataclasses.replace(amcl, range_network=network)
     _, info = step(correcting, jax.random.key(1), begin(amcl), silent(inputs_of(0)))
     assert int(info.flags) & Flag.FEW_VALID_BEAMS.value

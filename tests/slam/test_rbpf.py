@@ -146,7 +146,7 @@ def test_jit_changes_nothing():
     state, _ = run(slam, key, one(inputs, slice(0, 3)))
     jitted, info_jitted = step(slam, key, state, one(inputs, 3))
     plain, info_plain = slam.step(key, state, one(inputs, 3))
-    # A metre in float32 is 1e-7 m; a cell's edge moves single cells.
+    # A meter in float32 is 1e-7 m; a cell's edge moves single cells.
     np.testing.assert_allclose(info_jitted.poses, info_plain.poses, atol=1e-4)
     np.testing.assert_allclose(info_jitted.log_weights, info_plain.log_weights, atol=0.02)
     np.testing.assert_array_equal(info_jitted.ancestors, info_plain.ancestors)

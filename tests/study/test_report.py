@@ -20,7 +20,7 @@ from jaxslam.study.report import (
     counts,
     draw_parallel,
     importance_table,
-    summarise,
+    summarize,
     trial_table,
     write_report,
 )
@@ -96,7 +96,7 @@ def rows_of(table):
 
 def test_the_table_has_the_best_trial_first(made_up):
     store, plan = made_up("error")
-    summary = summarise(store, plan.objectives)
+    summary = summarize(store, plan.objectives)
     header, *rows = rows_of(trial_table(summary))
     assert header == [
         "trial",
@@ -118,7 +118,7 @@ def test_the_table_has_the_best_trial_first(made_up):
 
 def test_trials_of_the_front_have_a_star(made_up):
     store, plan = made_up("error", "time")
-    summary = summarise(store, plan.objectives)
+    summary = summarize(store, plan.objectives)
     values = np.array([trial.values for trial in summary.complete])
     better = (values[None] <= values[:, None]).all(-1) & (values[None] < values[:, None]).any(-1)
     wanted = {
@@ -133,7 +133,7 @@ def test_trials_of_the_front_have_a_star(made_up):
 
 def test_importances_are_shares_and_the_largest_is_what_made_the_values(made_up):
     store, plan = made_up("error", "time")
-    summary = summarise(store, plan.objectives)
+    summary = summarize(store, plan.objectives)
     for objective, largest in (("error", "sensor.sigma_hit"), ("time", "num_particles")):
         shares = summary.importances[objective]
         assert sum(shares.values()) == pytest.approx(1.0)
@@ -159,19 +159,19 @@ def test_of_few_trials_nothing_is_said_of_what_matters(made_up, tmp_path, count)
 
 def test_where_all_values_are_equal_nothing_matters(made_up):
     store, plan = made_up("error", "time", "map")
-    summary = summarise(store, plan.objectives)
+    summary = summarize(store, plan.objectives)
     assert sum(summary.importances["map"].values()) == pytest.approx(0.0)
     assert "nan" not in importance_table(summary)
 
 
 def test_how_many_trials_and_why_some_failed(made_up):
     store, plan = made_up("error")
-    assert counts(summarise(store, plan.objectives)) == (
+    assert counts(summarize(store, plan.objectives)) == (
         "30 trials with values, 3 failed, 1 lost or in flight. Trial 30, 31: the robot left the map. "
         "Trial 32: a trajectory is not finite."
     )
     store, plan = made_up("error", count=1, name="one", failures=False)
-    assert counts(summarise(store, plan.objectives)) == "1 trial with values, 0 failed, 0 lost or in flight."
+    assert counts(summarize(store, plan.objectives)) == "1 trial with values, 0 failed, 0 lost or in flight."
 
 
 def test_the_best_configuration_can_be_run(made_up, tmp_path):
@@ -234,9 +234,9 @@ def test_every_trial_of_the_front_is_a_file_and_those_of_before_go(made_up, tmp_
     assert "they are the Pareto front" in (tmp_path / "report.md").read_text()
 
 
-def pixels_of(path, colour):
-    """How many pixels of a picture have that very colour."""
-    wanted = np.round(255 * np.array(to_rgb(colour)))
+def pixels_of(path, color):
+    """How many pixels of a picture have that very color."""
+    wanted = np.round(255 * np.array(to_rgb(color)))
     with Image.open(path) as picture:
         return int((np.asarray(picture.convert("RGB")) == wanted).all(axis=-1).sum())
 
@@ -249,13 +249,13 @@ def test_pictures_show_something(made_up, tmp_path, objectives):
     assert found == PICTURES | ({"pareto.png"} if len(objectives) == 2 else set())
     # The curve of the best so far, the best trial's line, the bars, the front.
     for name in found:
-        colour = style.ESTIMATE if name in ("history.png", "importance.png") else style.REFERENCE
-        assert pixels_of(tmp_path / name, colour) > 100, name
+        color = style.ESTIMATE if name in ("history.png", "importance.png") else style.REFERENCE
+        assert pixels_of(tmp_path / name, color) > 100, name
 
 
 def test_parallel_coordinates(made_up):
     store, plan = made_up("error")
-    summary = summarise(store, plan.objectives)
+    summary = summarize(store, plan.objectives)
     figure = Figure()
     draw_parallel(figure, summary)
     [ax] = figure.axes
@@ -281,7 +281,7 @@ def test_one_trial_that_is_far_worse_hides_no_other(made_up):
     store, plan = made_up("error", failures=False)
     add(store, [400.0], sensor__sigma_hit=0.4, num_particles=5, method="rbpf")
     figure = Figure()
-    module._draw_history(figure, summarise(store, plan.objectives))
+    module._draw_history(figure, summarize(store, plan.objectives))
     assert figure.axes[0].get_yscale() == "log"
 
 
@@ -289,6 +289,6 @@ def test_of_a_study_without_values_there_is_no_report(made_up, tmp_path):
     store, plan = made_up("error", count=0)
     with pytest.raises(ValueError, match="no trial of this study has values yet"):
         write_report(tmp_path, store, plan.described())
-    summary = summarise(store, plan.objectives)
+    summary = summarize(store, plan.objectives)
     assert summary.complete == summary.front == ()
     assert counts(summary).startswith("0 trials with values, 3 failed, 1 lost")

@@ -110,8 +110,8 @@ def test_live_particles_are_drawn_with_where_they_do_not_agree(ax):
     assert plot_live_particles(TIMES, live, agreed, ax) is ax
     np.testing.assert_array_equal(ax.lines[0].get_xydata(), np.stack([TIMES, live], axis=1))
     assert (ax.get_yscale(), ax.get_ylabel()) == ("log", "live particles")
-    [grey] = ax.collections
-    assert grey.get_label() == "they do not agree"
+    [gray] = ax.collections
+    assert gray.get_label() == "they do not agree"
     plot_live_particles(TIMES, live, ax=ax)
     assert len(ax.collections) == 1
 

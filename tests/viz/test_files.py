@@ -30,8 +30,8 @@ def pixels_of(path) -> np.ndarray:
         return np.asarray(image.convert("RGB")).astype(int)
 
 
-def has_colour(pixels: np.ndarray, colour: tuple[int, int, int], slack: int = 12) -> bool:
-    return bool((np.abs(pixels - colour).max(axis=-1) <= slack).any())
+def has_color(pixels: np.ndarray, color: tuple[int, int, int], slack: int = 12) -> bool:
+    return bool((np.abs(pixels - color).max(axis=-1) <= slack).any())
 
 
 BLUE, VERMILLION, PURPLE = (0, 114, 178), (213, 94, 0), (204, 121, 167)
@@ -42,9 +42,9 @@ def test_picture_holds_map_path_and_particles(tmp_path):
     cloud = POSES[-1] + np.random.default_rng(0).normal(0, 0.3, (30, 3))
     save_map_picture(path, room(), 0.05, ORIGIN, poses=POSES, particles=cloud)
     pixels = pixels_of(path)
-    for colour in (BLUE, PURPLE, (0, 0, 0), (255, 255, 255)):
-        assert has_colour(pixels, colour)
-    assert not has_colour(pixels, VERMILLION)
+    for color in (BLUE, PURPLE, (0, 0, 0), (255, 255, 255)):
+        assert has_color(pixels, color)
+    assert not has_color(pixels, VERMILLION)
 
 
 def test_truth_gets_a_panel_of_the_same_extent(tmp_path, monkeypatch):
@@ -69,7 +69,7 @@ def test_truth_gets_a_panel_of_the_same_extent(tmp_path, monkeypatch):
     assert (truth_panel.get_title(), truth_panel.get_ylabel()) == ("truth", "")
     # Estimate panel: both paths; truth panel: the true one only.
     assert (len(estimate_panel.lines), len(truth_panel.lines)) == (6, 3)
-    assert has_colour(pixels_of(tmp_path / "map.png"), VERMILLION)
+    assert has_color(pixels_of(tmp_path / "map.png"), VERMILLION)
 
 
 def test_pictures_leave_no_pyplot_figure_behind(tmp_path):
@@ -90,7 +90,7 @@ def test_vector_formats_are_written(tmp_path, suffix):
 def test_empty_map_and_single_pose_are_drawn(tmp_path):
     path = tmp_path / "map.png"
     save_map_picture(path, np.zeros((40, 40), np.int8), 0.05, ORIGIN, poses=POSES[:1])
-    assert has_colour(pixels_of(path), BLUE)
+    assert has_color(pixels_of(path), BLUE)
 
 
 def test_bad_picture_input_is_one_clear_line(tmp_path):
@@ -131,8 +131,8 @@ def test_animation_has_every_frame_and_is_quick_and_small(tmp_path):
     assert durations == [80] * 59 + [2000]
     # Known part 520 × 800 cells, 2 rows of margin on each side; 560 pixels across; the footer.
     assert last.shape == (round(524 * 560 / 800) + 26, 560, 3)
-    for colour in (BLUE, PURPLE, (0, 0, 0)):
-        assert has_colour(last, colour, slack=0)
+    for color in (BLUE, PURPLE, (0, 0, 0)):
+        assert has_color(last, color, slack=0)
     assert path.stat().st_size < 400_000
     # A guard against falling back to a figure per frame (tens of seconds); it takes about 1 s.
     assert elapsed < 20

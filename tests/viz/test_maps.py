@@ -20,7 +20,7 @@ def ax() -> Axes:
 
 
 def rendered(ax: Axes, dpi: float = 50) -> np.ndarray:
-    """Grey values of the saved picture, without frame, ticks and margins."""
+    """Gray values of the saved picture, without frame, ticks and margins."""
     ax.set_axis_off()
     ax.set_position((0, 0, 1, 1))
     ax.figure.set_dpi(dpi)
@@ -37,9 +37,9 @@ def grid_map() -> np.ndarray:
     return probability
 
 
-def test_map_extent_is_the_known_part_in_metres(ax):
+def test_map_extent_is_the_known_part_in_meters(ax):
     assert plot_map(grid_map(), 0.05, np.array([-10.0, 5.0]), ax, margin_m=0.5) is ax
-    # Rows 100–900 and columns 200–1000 of 5 cm, half a metre of margin where the map has it.
+    # Rows 100–900 and columns 200–1000 of 5 cm, half a meter of margin where the map has it.
     assert ax.images[0].get_extent() == pytest.approx((-0.5, 40.0, 9.5, 50.5))
     assert ax.get_xlim() == pytest.approx((-0.5, 40.0))
     assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_aspect()) == ("x (m)", "y (m)", 1.0)
@@ -50,7 +50,7 @@ def test_thin_walls_survive_a_picture_with_fewer_pixels_than_cells(ax, dpi):
     plot_map(grid_map(), 0.05, np.zeros(2), ax, margin_m=0.0)
     picture = rendered(ax, dpi)
     assert max(picture.shape) < 800
-    # Down a column of pixels every wall is one dark run, never lost or grey.
+    # Down a column of pixels every wall is one dark run, never lost or gray.
     dark = picture[:, picture.shape[1] // 2] < 30
     runs = int((np.diff(np.concatenate([[0], dark.astype(int)])) == 1).sum())
     assert runs == len(range(100, 900, 37))
@@ -87,7 +87,7 @@ def test_row_zero_is_at_the_bottom(ax):
     assert picture[10].min() > 225
 
 
-def test_an_unknown_map_is_drawn_whole_and_grey(ax):
+def test_an_unknown_map_is_drawn_whole_and_gray(ax):
     plot_map(np.zeros((30, 20), np.int8), 0.1, np.zeros(2), ax)
     assert ax.images[0].get_extent() == pytest.approx((0, 2, 0, 3))
     assert len(np.unique(rendered(ax)[50:-50, 90:-90])) == 1

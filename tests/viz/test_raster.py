@@ -4,7 +4,7 @@ import pytest
 
 from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT
 from jaxslam.viz import map_levels, shrink
-from jaxslam.viz.raster import UNKNOWN_GREY, Box, grey_ramp, known_box
+from jaxslam.viz.raster import UNKNOWN_GRAY, Box, gray_ramp, known_box
 
 
 def test_levels_of_probabilities():
@@ -26,9 +26,9 @@ def test_device_arrays_and_levels_are_accepted():
     np.testing.assert_array_equal(map_levels(levels), levels)
 
 
-def test_ramp_is_white_grey_black():
-    ramp = grey_ramp()
-    assert (ramp[1], ramp[0], ramp[128], ramp[255]) == (255, UNKNOWN_GREY, UNKNOWN_GREY, 0)
+def test_ramp_is_white_gray_black():
+    ramp = gray_ramp()
+    assert (ramp[1], ramp[0], ramp[128], ramp[255]) == (255, UNKNOWN_GRAY, UNKNOWN_GRAY, 0)
     assert (np.diff(ramp[1:].astype(int)) <= 0).all()
 
 

@@ -75,7 +75,7 @@ def test_map_path_and_particles_lie_on_each_other(result):
     FigureCanvasAgg(figure)
     ax = figure.subplots()
     assert plot_run(result, ax, label="mine") is ax
-    # Known rows 4 to 6 of 10 cm and half a metre round them, as far as the map goes.
+    # Known rows 4 to 6 of 10 cm and half a meter round them, as far as the map goes.
     assert ax.images[0].get_extent() == pytest.approx((0.0, 4.0, 0.0, 1.0))
     np.testing.assert_array_equal(ax.lines[0].get_xydata(), result.trajectory[:, :2])
     ticks, dots = ax.collections

@@ -14,7 +14,7 @@ TILT_WARNING = np.deg2rad(5.0)
 def transform_matrix(
     translation: Float64[np.ndarray, "3"], quaternion: Float64[np.ndarray, "4"]
 ) -> Float64[np.ndarray, "4 4"]:
-    """Homogeneous matrix of a translation in metres and a quaternion x, y, z, w of any norm.
+    """Homogeneous matrix of a translation in meters and a quaternion x, y, z, w of any norm.
 
     Raises:
         ValueError: the quaternion is zero or something is not finite.

@@ -14,14 +14,14 @@ from jaxslam.io.ranges import SICK_CODES, saturated_reading
 # The Hokuyo URG sends error codes as readings of 0 to 19 mm, and no planar lidar measures below.
 RANGE_MIN = 0.02
 
-# Laser and robot pose are written with six digits; half a centimetre and 0.3° leave room for logs
+# Laser and robot pose are written with six digits; half a centimeter and 0.3° leave room for logs
 # with two or three.
 _MOUNTING_TOLERANCE = np.array([0.005, 0.005, 0.005])
 _MOUNTING_SHARE = 0.9
 
 
 class BeamAngles(NamedTuple):
-    """Angle of the first beam and between neighbouring beams, radians, lidar frame."""
+    """Angle of the first beam and between neighboring beams, radians, lidar frame."""
 
     minimum: float
     increment: float
@@ -73,7 +73,7 @@ def maximum_range(
     ranges: Float64[np.ndarray, "T B"],
     parameters: Mapping[str, str],
 ) -> tuple[float, str | None]:
-    """Range in metres from which on a reading is no return.
+    """Range in meters from which on a reading is no return.
 
     The smallest of what there is: the field of the message, `PARAM robot_front_laser_max`, and the
     saturated reading that stands in the data (`saturated_reading`). Where there is none of these,

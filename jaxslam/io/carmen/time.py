@@ -15,7 +15,7 @@ from jaxslam.io.stamps import MAX_BACKWARD_S, backward_steps
 Message = LaserMessage | OdometryMessage
 
 # ODOM lines on another clock than the scans: CARMEN estimates the skew and puts it right in the
-# poses of the scans, not in the stamps. Half a centimetre is above the rounding of any log.
+# poses of the scans, not in the stamps. Half a centimeter is above the rounding of any log.
 _AGREEMENT = (0.005, 0.005)
 
 
@@ -145,7 +145,7 @@ def _disagreement(
     lines: tuple[Float64[np.ndarray, "M"], Float64[np.ndarray, "M 3"], Float64[np.ndarray, "M 3"]],
     scans: tuple[Float64[np.ndarray, "T"], Float64[np.ndarray, "T 3"], Float64[np.ndarray, "T 3"]],
 ) -> float | None:
-    """Median distance in metres of ODOM lines and scan poses where it is too large, else None."""
+    """Median distance in meters of ODOM lines and scan poses where it is too large, else None."""
     inside = (scans[0] >= lines[0][0]) & (scans[0] <= lines[0][-1])
     moving = inside & np.append(False, (np.diff(scans[1], axis=0) != 0).any(axis=1))
     if not moving.any():

@@ -9,12 +9,12 @@ from jaxtyping import Float64, PRNGKeyArray
 from jaxslam.sim.worlds.world import World, walls
 
 _CLEAR = 1.5
-"""Of doors and pilasters, from the corners, metres."""
+"""Of doors and pilasters, from the corners, meters."""
 
 
 @dataclass(frozen=True)
 class Corridor:
-    """The plan of a corridor; lengths in metres.
+    """The plan of a corridor; lengths in meters.
 
     Attributes:
         length: of the floor, along x.

@@ -1,6 +1,6 @@
 """The built-in worlds, each with the way-points of a drive through it.
 
-A builder returns `(world, waypoints)`: way-points `[W, 2]` in metres are a closed tour, from which
+A builder returns `(world, waypoints)`: way-points `[W, 2]` in meters are a closed tour, from which
 `drive` starts at the first. A new world is one more builder in `WORLDS`.
 """
 
@@ -172,7 +172,7 @@ def make_world(name: str) -> tuple[World, Float64[np.ndarray, "W 2"]]:
 def cabin(
     corner: tuple[float, float], size: tuple[float, float], *, door: tuple[float, float]
 ) -> Float64[np.ndarray, "_ 4"]:
-    """A room whose lower wall has an open door, (start, width) from its left corner, metres."""
+    """A room whose lower wall has an open door, (start, width) from its left corner, meters."""
     width, height = size
     start, opening = door
     outline = [
@@ -189,7 +189,7 @@ def cabin(
 def row_of_boxes(
     first: tuple[float, float], step: tuple[float, float], count: int, size: tuple[float, float]
 ) -> list[Float64[np.ndarray, "_ 4"]]:
-    """`count` equal machines, the first centred on `first`, then each `step` further, metres."""
+    """`count` equal machines, the first centered on `first`, then each `step` further, meters."""
     return [box((first[0] + i * step[0], first[1] + i * step[1]), size) for i in range(count)]
 
 
@@ -208,7 +208,7 @@ def _random_machines(
     slot = np.array([(right - left) / 3, upper - lower])
     machines = []
     for index in range(3):
-        centre = (left + (index + 0.5) * slot[0], (lower + upper) / 2)
+        center = (left + (index + 0.5) * slot[0], (lower + upper) / 2)
         size = slot * rng.uniform(0.45, 0.95, 2)
         angle = rng.choice([0.0, rng.uniform(-0.6, 0.6)])
         cos, sin = np.cos(angle), np.abs(np.sin(angle))
@@ -217,7 +217,7 @@ def _random_machines(
         size = size * min(1.0, *(slot / turned))
         # From nearly square corners to an octagon.
         chamfer = size.min() * rng.choice([0.03, 0.15, 0.29])
-        machines.append(box(centre, (size[0], size[1]), angle=angle, chamfer=chamfer))
+        machines.append(box(center, (size[0], size[1]), angle=angle, chamfer=chamfer))
     return machines
 
 

@@ -11,13 +11,13 @@ from jaxslam.sim.worlds.world import World, box, polyline
 
 @dataclass(frozen=True)
 class Roadway:
-    """The plan of a roadway; lengths in metres.
+    """The plan of a roadway; lengths in meters.
 
     Attributes:
         length: of both drifts, which run along x.
-        spacing: between their centre lines.
+        spacing: between their center lines.
         width: of the drifts and the cross-cuts.
-        cross_cuts: centre lines of the cross-cuts, x; the first and the last close the loop.
+        cross_cuts: center lines of the cross-cuts, x; the first and the last close the loop.
         stubs: dead ends, as x and 1 for one off the upper drift, −1 for one off the lower.
         stub_depth: how far they go.
         roughness: how far the walls bulge, to either side at most.

@@ -14,7 +14,7 @@ class World(eqx.Module):
     """Walls and obstacles as line segments in the world frame.
 
     Attributes:
-        segments: `[S, 4]` end points x1, y1, x2, y2 in metres. Segments that share a corner share
+        segments: `[S, 4]` end points x1, y1, x2, y2 in meters. Segments that share a corner share
             its coordinates exactly, which is what makes ray casting watertight there.
         name: what the world is called (static).
     """
@@ -24,7 +24,7 @@ class World(eqx.Module):
 
     @classmethod
     def from_shapes(cls, name: str, shapes: list[Float64[np.ndarray, "_ 4"]]) -> "World":
-        """Puts shapes `[·, 4]` (metres) together to one world.
+        """Puts shapes `[·, 4]` (meters) together to one world.
 
         Raises:
             ValueError: if there is no segment, one is not finite, or one has no length.
@@ -50,7 +50,7 @@ class World(eqx.Module):
         return self.segments.shape[-2]
 
     def bounds(self) -> tuple[Float64[np.ndarray, "2"], Float64[np.ndarray, "2"]]:
-        """Lower left and upper right corner of the box around all segments, metres (host)."""
+        """Lower left and upper right corner of the box around all segments, meters (host)."""
         points = np.asarray(self.segments, np.float64).reshape(-1, 2)
         return points.min(axis=0), points.max(axis=0)
 
@@ -63,15 +63,15 @@ def polyline(points: Float64[np.ndarray, "P 2"], *, closed: bool = False) -> Flo
 
 
 def place(
-    points: Float64[np.ndarray, "P 2"], centre: tuple[float, float], angle: float
+    points: Float64[np.ndarray, "P 2"], center: tuple[float, float], angle: float
 ) -> Float64[np.ndarray, "P 2"]:
-    """Turns points by `angle` radians about the origin, then moves the origin to `centre`."""
+    """Turns points by `angle` radians about the origin, then moves the origin to `center`."""
     cos, sin = np.cos(angle), np.sin(angle)
-    return points @ np.array([[cos, sin], [-sin, cos]]) + np.asarray(centre)
+    return points @ np.array([[cos, sin], [-sin, cos]]) + np.asarray(center)
 
 
 def box(
-    centre: tuple[float, float],
+    center: tuple[float, float],
     size: tuple[float, float],
     *,
     angle: float = 0.0,
@@ -80,25 +80,25 @@ def box(
     """A machine as a rectangle, `[4, 4]`, or `[8, 4]` with its corners cut.
 
     Args:
-        centre: x, y of its middle, metres.
-        size: its sides, metres, before turning.
+        center: x, y of its middle, meters.
+        size: its sides, meters, before turning.
         angle: how far it is turned counter-clockwise, radians.
-        chamfer: how much of each side is cut away at a corner, metres.
+        chamfer: how much of each side is cut away at a corner, meters.
     """
     half = np.asarray(size) / 2
     corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * half
     if chamfer > 0:
-        neighbours = np.stack([np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)], axis=1)
-        towards = np.sign(neighbours - corners[:, None])
+        neighbors = np.stack([np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)], axis=1)
+        towards = np.sign(neighbors - corners[:, None])
         corners = (corners[:, None] + chamfer * towards).reshape(-1, 2)
-    return polyline(place(corners, centre, angle), closed=True)
+    return polyline(place(corners, center, angle), closed=True)
 
 
-def disc(centre: tuple[float, float], radius: float, *, sides: int = 16) -> Float64[np.ndarray, "_ 4"]:
+def disc(center: tuple[float, float], radius: float, *, sides: int = 16) -> Float64[np.ndarray, "_ 4"]:
     """A tank or pillar as a regular polygon `[sides, 4]` whose corners lie on the circle."""
     angles = 2 * np.pi * np.arange(sides) / sides
     circle = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    return polyline(circle + np.asarray(centre), closed=True)
+    return polyline(circle + np.asarray(center), closed=True)
 
 
 def walls(
@@ -107,9 +107,9 @@ def walls(
     """The wall around a hall, set back by niches (doors, windows) that reach the outer bounds.
 
     Args:
-        size: outer bounds from the origin, metres.
-        depth: how far the wall stands inside the bounds, metres.
-        niches: those of the lower, right, upper and left wall as (start, width), metres, counted
+        size: outer bounds from the origin, meters.
+        depth: how far the wall stands inside the bounds, meters.
+        niches: those of the lower, right, upper and left wall as (start, width), meters, counted
             counter-clockwise from the corner where the wall begins.
     """
     width, height = size
@@ -129,7 +129,7 @@ def walls(
 def leg_clearances(
     segments: Float64[np.ndarray, "S 4"], waypoints: Float64[np.ndarray, "W 2"]
 ) -> Float64[np.ndarray, "W"]:
-    """Smallest distance from each leg of a closed tour to any segment, metres; 0 where they cross.
+    """Smallest distance from each leg of a closed tour to any segment, meters; 0 where they cross.
 
     Leg `i` runs from way-point `i` to the next one, the last leg back to the first way-point.
     """

@@ -15,8 +15,8 @@ from jaxslam.sim import (
     polyline,
     random_hall,
     random_roadway,
+    roadway,
 )
-from jaxslam.sim.worlds import roadway
 
 
 def segments_of(world: World) -> np.ndarray:

@@ -19,7 +19,7 @@ from jaxslam.pipeline.inputs import pair_scans
 from jaxslam.pipeline.localize import localize_log, settled_elsewhere
 from jaxslam.resampling import normalize
 from jaxslam.sim import sick, simulate, to_log
-from tests.localization.worlds import hall_map
+from tests.builders import hall_map
 
 SMALL = {"max_particles": 8192, "min_particles": 200}
 KEY = jax.random.key(5)

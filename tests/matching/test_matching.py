@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.grid import field_of_map
 from jaxslam.lidar import ScanPoints, surface_normals
 from jaxslam.matching import CorrelativeSearch, GaussNewton, HeadingSearch, PosePrior
+from tests.builders import field_of, room_ranges
 
 RESOLUTION = 0.1
 ANGLES = np.deg2rad(np.arange(0, 360, 9))
@@ -17,18 +17,9 @@ TRUE_POSE = np.array([0.4, -0.3, 0.2])
 # Half sides (x, y) of a room, and a box in it: lower and upper corner.
 ROOM, BOX = np.array([3.0, 2.0]), np.array([[1.2, 0.4], [1.9, 1.1]])
 
+ranges = functools.partial(room_ranges, angles=ANGLES, half_sides=ROOM, box=BOX)
 match = jax.jit(GaussNewton.match)
 search = jax.jit(CorrelativeSearch.search)
-
-
-def ranges(pose, half_sides=ROOM, box=BOX):
-    """Exact ranges from inside the room, in NumPy: the nearest wall or the box's nearer face."""
-    direction = np.stack([np.cos(pose[2] + ANGLES), np.sin(pose[2] + ANGLES)], axis=-1)
-    direction = np.where(np.abs(direction) < 1e-9, 1e-9, direction)
-    to_walls = ((half_sides - np.sign(direction) * pose[:2]) / np.abs(direction)).min(axis=1)
-    sides = np.sort(np.stack([(corner - pose[:2]) / direction for corner in box]), axis=0)
-    enter, leave = sides[0].max(axis=1), sides[1].min(axis=1)
-    return np.where((enter < leave) & (enter > 0), np.minimum(enter, to_walls), to_walls)
 
 
 def ends_of(reach, valid=None) -> ScanPoints:
@@ -60,8 +51,7 @@ def room_field(walls="all"):
 
 
 def prepare(occupied):
-    corner = jnp.asarray([-4.05, -3.05], jnp.float32)
-    return jax.jit(field_of_map, static_argnums=3)(jnp.asarray(occupied), corner, jnp.float32(RESOLUTION), 6)
+    return field_of(occupied, (-4.05, -3.05), RESOLUTION)
 
 
 def prior_of(mean, precision=(0.0, 0.0, 0.0)) -> PosePrior:
@@ -128,7 +118,7 @@ def test_search_stays_where_the_prior_is_sure():
 
 def test_prior_keeps_the_axis_of_a_corridor():
     """Beams that only see the long walls: the scan settles y and heading, and the prior alone x."""
-    reach = ranges(TRUE_POSE, np.array([1e3, 2.0]), np.array([[50.0, 50.0], [51.0, 51.0]]))
+    reach = room_ranges(TRUE_POSE, ANGLES, np.array([1e3, 2.0]))
     ends = ends_of(np.where(reach < 4.0, reach, 0.0), reach < 4.0)
     start = TRUE_POSE + np.array([0.15, 0.12, 0.05])
     matcher = GaussNewton(sigma_cells=2.0, num_iterations=15)

@@ -7,17 +7,11 @@ import pytest
 import scipy.stats
 
 from jaxslam.core import se2
-from jaxslam.core.types import OdometryIncrement
 from jaxslam.motion import GaussianMotion
+from tests.builders import odometry_of
 
 COVARIANCE = np.array([[4e-3, 1e-3, 2e-3], [1e-3, 2e-3, -1e-3], [2e-3, -1e-3, 5e-3]])
 ORIGIN = jnp.zeros(3, jnp.float32)
-
-
-def odometry_of(delta, covariance) -> OdometryIncrement:
-    return OdometryIncrement(
-        jnp.asarray(delta, jnp.float32), jnp.asarray(covariance, jnp.float32), jnp.float32(1.0)
-    )
 
 
 def test_log_prob_is_the_normal_density():

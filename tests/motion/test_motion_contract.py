@@ -1,5 +1,7 @@
 """What every motion model must do, over a registry of all of them."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -8,7 +10,6 @@ import pytest
 
 import jaxslam.motion
 from jaxslam.core import se2
-from jaxslam.core.types import OdometryIncrement
 from jaxslam.motion import (
     AbstractMotionModel,
     GaussianMotion,
@@ -16,6 +17,7 @@ from jaxslam.motion import (
     OmnidirectionalMotion,
     VelocityMotion,
 )
+from tests import builders
 
 MODELS = {
     "odometry": OdometryMotion(),
@@ -43,12 +45,7 @@ INCREMENTS = {
 COVARIANCE = np.array([[4e-3, 1e-3, 2e-3], [1e-3, 2e-3, -1e-3], [2e-3, -1e-3, 5e-3]])
 POSE = jnp.array([3.0, -2.0, 2.5], jnp.float32)
 NUM_SAMPLES = 100_000
-
-
-def odometry_of(delta, dt=0.5, covariance=COVARIANCE) -> OdometryIncrement:
-    return OdometryIncrement(
-        jnp.asarray(delta, jnp.float32), jnp.asarray(covariance, jnp.float32), jnp.float32(dt)
-    )
+odometry_of = functools.partial(builders.odometry_of, covariance=COVARIANCE, dt=0.5)
 
 
 @jax.jit
@@ -157,7 +154,7 @@ def test_density_penalizes_what_the_samples_do_not_reach(name):
 @pytest.mark.parametrize("increment", INCREMENTS)
 @pytest.mark.parametrize("dt", [0.0, 0.5])
 def test_values_and_gradients_are_finite(name, increment, dt):
-    odometry = odometry_of(INCREMENTS[increment], dt, np.zeros((3, 3)))
+    odometry = odometry_of(INCREMENTS[increment], dt=dt, covariance=np.zeros((3, 3)))
     pose_next = POSE + odometry.delta
     for leaf in jax.tree.leaves(everything(MODELS[name], pose_next, POSE, odometry)):
         assert np.isfinite(leaf).all()

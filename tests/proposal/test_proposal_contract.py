@@ -10,8 +10,7 @@ import pytest
 import jaxslam.proposal
 from jaxslam.core import se2
 from jaxslam.core.flags import Flag
-from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
-from jaxslam.grid import field_of_map
+from jaxslam.core.types import StepInputs
 from jaxslam.matching.swarm import FruitFlies
 from jaxslam.motion import GaussianMotion, OdometryMotion
 from jaxslam.proposal import (
@@ -23,6 +22,7 @@ from jaxslam.proposal import (
     ProposalContext,
 )
 from jaxslam.sensor import LikelihoodField
+from tests import builders
 
 NUM_BEAMS = 36
 PROPOSALS = {
@@ -47,8 +47,7 @@ def make_field():
     """A room from (−2.5, −1.5) to (2.5, 1.5), in 0.1 m cells whose centers lie on the walls."""
     occupied = np.zeros((41, 61), bool)
     occupied[[5, 35], 5:56] = occupied[5:36, [5, 55]] = True
-    corner = jnp.asarray([-3.05, -2.05], jnp.float32)
-    return jax.jit(field_of_map, static_argnums=3)(jnp.asarray(occupied), corner, jnp.float32(0.1), 6)
+    return builders.field_of(occupied, (-3.05, -2.05))
 
 
 FIELD = make_field()
@@ -56,18 +55,8 @@ FIELD = make_field()
 
 def inputs_of(valid=True) -> StepInputs:
     angles = 2 * np.pi / NUM_BEAMS * np.arange(NUM_BEAMS)
-    direction = np.stack([np.cos(TRUTH[2] + angles), np.sin(TRUTH[2] + angles)], axis=-1)
-    ranges = ((np.array([2.5, 1.5]) - np.sign(direction) * TRUTH[:2]) / np.abs(direction)).min(axis=1)
-    return StepInputs(
-        OdometryIncrement(DELTA, jnp.zeros((3, 3)), jnp.float32(0.5)),
-        LidarScan(
-            jnp.asarray(ranges * valid, jnp.float32),
-            jnp.full(NUM_BEAMS, valid),
-            jnp.float32(0.0),
-            jnp.float32(2 * np.pi / NUM_BEAMS),
-            jnp.zeros(3, jnp.float32),
-        ),
-    )
+    ranges = builders.room_ranges(TRUTH, angles, np.array([2.5, 1.5]))
+    return builders.inputs_of(DELTA, ranges * valid, dt=0.5)
 
 
 def context_of(inputs, field=FIELD, motion=MOTION, sensor=SENSOR) -> ProposalContext:

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.core.types import LidarScan
 from jaxslam.range_network import RangeNetwork
+from tests.builders import scan_of
 
 SHORTEST, LONGEST = 0.12, 3.5
 
@@ -31,17 +31,6 @@ def by_hand(bias_out=0.1) -> RangeNetwork:
 def corrections(network: RangeNetwork, ranges) -> np.ndarray:
     ranges = jnp.asarray(ranges, jnp.float32)
     return np.asarray(network(ranges)) - np.asarray(ranges)
-
-
-def scan_of(ranges, valid) -> LidarScan:
-    count = len(ranges)
-    return LidarScan(
-        ranges=jnp.asarray(ranges, jnp.float32),
-        valid=jnp.asarray(valid, bool),
-        angle_min=jnp.asarray(-1.0, jnp.float32),
-        angle_increment=jnp.asarray(2.0 / count, jnp.float32),
-        pose_base_lidar=jnp.zeros(3, jnp.float32),
-    )
 
 
 def test_one_neuron_by_hand():

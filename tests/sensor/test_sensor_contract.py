@@ -10,8 +10,8 @@ import pytest
 import jaxslam.sensor
 from jaxslam.core import se2
 from jaxslam.core.types import LidarScan
-from jaxslam.grid import field_of_map
 from jaxslam.sensor import AbstractSensorModel, Beam, Endpoint, LikelihoodField, Nav2Field
+from tests.builders import field_of, scan_of
 
 MODELS = {
     "likelihood field": LikelihoodField(max_beams=20),
@@ -49,19 +49,12 @@ def scan() -> LidarScan:
     angles = -np.pi + 2 * np.pi / NUM_BEAMS * np.arange(NUM_BEAMS)
     ranges = [walk_out(room(), lidar[:2], lidar[2] + angle) for angle in angles]
     valid = np.arange(NUM_BEAMS) % 7 != 3
-    return LidarScan(
-        ranges=jnp.asarray(np.where(valid, ranges, 0.0), jnp.float32),
-        valid=jnp.asarray(valid),
-        angle_min=jnp.float32(-np.pi),
-        angle_increment=jnp.float32(2 * np.pi / NUM_BEAMS),
-        pose_base_lidar=jnp.asarray(MOUNTING, jnp.float32),
-    )
+    return scan_of(np.where(valid, ranges, 0.0), valid, angle_min=-np.pi, mounting=MOUNTING)
 
 
 @functools.cache
 def field():
-    prepare = jax.jit(field_of_map, static_argnums=3)
-    return prepare(jnp.asarray(room()), jnp.asarray([-2.3, -1.8], jnp.float32), jnp.float32(RESOLUTION), 6)
+    return field_of(room(), (-2.3, -1.8), RESOLUTION)
 
 
 @jax.jit
@@ -136,8 +129,7 @@ def test_only_valid_beams_count(model):
 
 @every_model
 def test_moving_map_and_pose_together_changes_nothing(model):
-    corner = jnp.asarray([-2.3 + 5.0, -1.8 - 7.0], jnp.float32)
-    moved = jax.jit(field_of_map, static_argnums=3)(jnp.asarray(room()), corner, jnp.float32(RESOLUTION), 6)
+    moved = field_of(room(), (-2.3 + 5.0, -1.8 - 7.0), RESOLUTION)
     shift = jnp.asarray([5.0, -7.0, 0.0], jnp.float32)
     # Offsets at which no end point lies within float32 of a cell's edge.
     for offset in (0.013, -0.047, 0.081):

@@ -11,7 +11,7 @@ import pytest
 from jaxslam.config.dotted import update
 from jaxslam.config.localization import LocalizationConfig
 from jaxslam.core.flags import Flag
-from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
+from jaxslam.core.types import StepInputs
 from jaxslam.grid import GridSpec, OccupancyModel
 from jaxslam.motion import OdometryMotion
 from jaxslam.pipeline.build import build_localizer
@@ -20,7 +20,8 @@ from jaxslam.range_network import RangeNetwork
 from jaxslam.resampling import AdaptiveResampling, SystematicResampler
 from jaxslam.sensor import LikelihoodField
 from jaxslam.slam import RBPF
-from tests.localization.worlds import hall_map
+from tests import builders
+from tests.builders import hall_map
 
 NUM_BEAMS, NUM_STEPS = 24, 2
 START = jnp.array([9.0, 1.4, 0.3])
@@ -62,20 +63,8 @@ def amcl():
 
 def inputs_of(index: int) -> StepInputs:
     ranges = 1.0 + (np.arange(NUM_BEAMS) * (7 + 2 * index) % NUM_BEAMS) / 12
-    return StepInputs(
-        odometry=OdometryIncrement(
-            delta=jnp.array([0.1, 0.0, 0.05]) * index,
-            covariance=jnp.zeros((3, 3)),
-            dt=jnp.asarray(0.2, jnp.float32),
-        ),
-        scan=LidarScan(
-            ranges=jnp.asarray(np.where(SILENT, 0.0, ranges), jnp.float32),
-            valid=jnp.asarray(~SILENT),
-            angle_min=jnp.asarray(-np.pi, jnp.float32),
-            angle_increment=jnp.asarray(2 * np.pi / NUM_BEAMS, jnp.float32),
-            pose_base_lidar=jnp.zeros(3),
-        ),
-    )
+    delta = np.array([0.1, 0.0, 0.05]) * index
+    return builders.inputs_of(delta, np.where(SILENT, 0.0, ranges), angle_min=-np.pi)
 
 
 def begin(slam):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxslam.core.flags import Flag
-from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
+from jaxslam.core.types import StepInputs
 from jaxslam.grid import GridSpec, OccupancyModel, quantize
 from jaxslam.matching import CorrelativeSearch
 from jaxslam.motion import OdometryMotion
@@ -15,6 +15,7 @@ from jaxslam.proposal import MatchedProposal, MotionProposal
 from jaxslam.resampling import AdaptiveResampling, SystematicResampler
 from jaxslam.sensor import LikelihoodField
 from jaxslam.slam import RBPF, StepInfo, trajectory
+from tests import builders
 
 NUM_PARTICLES, NUM_BEAMS, NUM_STEPS, SIZE = 4, 32, 6, 64
 POSE0 = jnp.asarray([-0.6, -0.2, 0.1], jnp.float32)
@@ -39,13 +40,6 @@ def filter_of(proposal="motion", threshold=0.5, num_particles=NUM_PARTICLES) -> 
     )
 
 
-def room_ranges(pose, angles):
-    """Ranges in a room from (−2, −1.5) to (2, 1.5) with nothing in it, in NumPy."""
-    directions = np.stack([np.cos(pose[2] + angles), np.sin(pose[2] + angles)], axis=-1)
-    with np.errstate(divide="ignore"):
-        return ((np.array([2.0, 1.5]) - np.sign(directions) * pose[:2]) / np.abs(directions)).min(axis=1)
-
-
 def inputs_of(num_steps=NUM_STEPS, step=(0.15, 0.02, 0.05)) -> StepInputs:
     """The robot drives an arc; leaves `[T, ...]`. The first increment is zero."""
     angles = -np.pi + 2 * np.pi / NUM_BEAMS * np.arange(NUM_BEAMS)
@@ -56,21 +50,9 @@ def inputs_of(num_steps=NUM_STEPS, step=(0.15, 0.02, 0.05)) -> StepInputs:
         moved = np.array([cos * delta[0] - sin * delta[1], sin * delta[0] + cos * delta[1], delta[2]])
         pose = pose + moved
         deltas.append(delta)
-        ranges.append(room_ranges(pose, angles))
-    return StepInputs(
-        odometry=OdometryIncrement(
-            delta=jnp.asarray(np.array(deltas), jnp.float32),
-            covariance=jnp.zeros((num_steps, 3, 3), jnp.float32),
-            dt=jnp.full(num_steps, 0.2, jnp.float32),
-        ),
-        scan=LidarScan(
-            ranges=jnp.asarray(np.array(ranges), jnp.float32),
-            valid=jnp.ones((num_steps, NUM_BEAMS), bool),
-            angle_min=jnp.full(num_steps, -np.pi, jnp.float32),
-            angle_increment=jnp.full(num_steps, 2 * np.pi / NUM_BEAMS, jnp.float32),
-            pose_base_lidar=jnp.zeros((num_steps, 3), jnp.float32),
-        ),
-    )
+        # Nothing is in the room from (−2, −1.5) to (2, 1.5).
+        ranges.append(builders.room_ranges(pose, angles, np.array([2.0, 1.5])))
+    return builders.inputs_of(np.array(deltas), np.array(ranges), angle_min=-np.pi)
 
 
 def one(inputs, index):

@@ -1,5 +1,6 @@
 """The Gaussian model against scipy."""
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -64,8 +65,7 @@ def test_the_heading_error_is_wrapped():
 def test_an_indefinite_covariance_is_repaired(covariance):
     model, odometry = GaussianMotion(), odometry_of([0.1, 0.0, 0.2], covariance)
     pose_next = model.sample(jax.random.key(0), ORIGIN, odometry)
-    assert np.isfinite(pose_next).all()
-    assert np.isfinite(model.log_prob(pose_next, ORIGIN, odometry))
+    chex.assert_tree_all_finite((pose_next, model.log_prob(pose_next, ORIGIN, odometry)))
     repaired = np.asarray(model.covariance(odometry), np.float64)
     assert np.linalg.eigvalsh(repaired).min() > 0.0
     # Turning the frame keeps the sum of the variances: what came in, and at most two floors an

@@ -2,6 +2,7 @@
 
 import functools
 
+import chex
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -18,6 +19,7 @@ from jaxslam.motion import (
     VelocityMotion,
 )
 from tests import builders
+from tests.checks import assert_strongly_typed, jit_once
 
 MODELS = {
     "odometry": OdometryMotion(),
@@ -156,8 +158,7 @@ def test_density_penalizes_what_the_samples_do_not_reach(name):
 def test_values_and_gradients_are_finite(name, increment, dt):
     odometry = odometry_of(INCREMENTS[increment], dt=dt, covariance=np.zeros((3, 3)))
     pose_next = POSE + odometry.delta
-    for leaf in jax.tree.leaves(everything(MODELS[name], pose_next, POSE, odometry)):
-        assert np.isfinite(leaf).all()
+    chex.assert_tree_all_finite(everything(MODELS[name], pose_next, POSE, odometry))
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -189,22 +190,17 @@ def test_outputs_are_strongly_typed_float32(name):
         jax.eval_shape(model.log_prob, POSE, POSE, odometry),
         jax.eval_shape(model.covariance, odometry),
     ]
-    assert [(o.shape, o.dtype, o.weak_type) for o in outputs] == [
-        ((3,), jnp.float32, False),
-        ((), jnp.float32, False),
-        ((3, 3), jnp.float32, False),
-    ]
+    expected = [jax.ShapeDtypeStruct(shape, jnp.float32) for shape in ((3,), (), (3, 3))]
+    chex.assert_trees_all_equal_shapes_and_dtypes(outputs, expected)
+    assert_strongly_typed(outputs)
 
 
 @pytest.mark.parametrize("name", MODELS)
 def test_new_parameter_values_do_not_recompile(name):
     odometry, model = odometry_of(INCREMENTS["forward"]), MODELS[name]
-    traces = 0
 
-    @jax.jit
+    @jit_once
     def step(model, key, pose):
-        nonlocal traces
-        traces += 1
         pose_next = model.sample(key, pose, odometry)
         return model.log_prob(pose_next, pose, odometry), model.covariance(odometry)
 
@@ -214,7 +210,6 @@ def test_new_parameter_values_do_not_recompile(name):
         log_prob, covariance = step(changed, jax.random.key(0), POSE)
         assert np.isfinite(covariance).all()
         results.add(float(log_prob))
-    assert traces == 1
     assert len(results) == 1 + len(vars(model))
 
 

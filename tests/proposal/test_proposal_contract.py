@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -23,6 +24,7 @@ from jaxslam.proposal import (
 )
 from jaxslam.sensor import LikelihoodField
 from tests import builders
+from tests.checks import assert_strongly_typed, jit_once
 
 NUM_BEAMS = 36
 PROPOSALS = {
@@ -87,12 +89,10 @@ def test_every_proposal_is_registered():
 @every_proposal
 def test_outputs_are_strongly_typed(proposal):
     proposed = jax.eval_shape(sample, proposal, jax.random.key(0), POSE, inputs_of())
-    assert [(leaf.shape, leaf.dtype, leaf.weak_type) for leaf in jax.tree.leaves(proposed)] == [
-        ((3,), jnp.float32, False),
-        ((), jnp.float32, False),
-        ((), jnp.float32, False),
-        ((), jnp.int32, False),
-    ]
+    number, flags = jax.ShapeDtypeStruct((), jnp.float32), jax.ShapeDtypeStruct((), jnp.int32)
+    expected = [jax.ShapeDtypeStruct((3,), jnp.float32), number, number, flags]
+    chex.assert_trees_all_equal_shapes_and_dtypes(jax.tree.leaves(proposed), expected)
+    assert_strongly_typed(proposed)
 
 
 @every_proposal
@@ -120,11 +120,10 @@ def test_jit_and_vmap_change_nothing(proposal):
 
 @every_proposal
 def test_new_parameter_values_do_not_recompile(proposal):
-    sample(proposal, jax.random.key(0), POSE, inputs_of())
-    compiled = jitted_sample._cache_size()
+    traced = jit_once(lambda *arguments: jitted_sample(*arguments))
+    traced.eval_shape(proposal, jax.random.key(0), POSE, inputs_of(), MOTION, SENSOR)
     changed, motion, sensor = jax.tree.map(lambda value: value * 1.1, (proposal, MOTION, SENSOR))
-    jitted_sample(changed, jax.random.key(1), POSE, inputs_of(), motion, sensor)
-    assert jitted_sample._cache_size() == compiled
+    traced.eval_shape(changed, jax.random.key(1), POSE, inputs_of(), motion, sensor)
 
 
 @every_proposal

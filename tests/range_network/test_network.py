@@ -1,5 +1,6 @@
 """The network alone: how it begins, what it computes, and what it leaves as it is."""
 
+import chex
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -142,8 +143,7 @@ def test_gradients_are_finite(network):
         return jnp.sum((corrected.ranges - 1.0) ** 2)
 
     of_network, of_ranges = jax.grad(loss, argnums=(0, 1))(network, ranges)
-    for leaf in (*jax.tree.leaves(of_network), of_ranges):
-        assert np.isfinite(leaf).all()
+    chex.assert_tree_all_finite((of_network, of_ranges))
     assert np.abs(of_network.weights_out).min() > 0
     # Beyond the interval the correction is constant: 2 · (corrected − 1) · 1.
     beyond = float(network(jnp.asarray(9.0)))

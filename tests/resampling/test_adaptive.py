@@ -1,5 +1,6 @@
 """The rule that decides whether to resample."""
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -59,9 +60,8 @@ def test_vmap_over_sets_is_the_loop():
     batched = jax.jit(jax.vmap(adaptive(0.6)))(keys, log_weights)
     assert batched.resampled.tolist() == [True, False, True]
     for i in range(3):
-        one = adaptive(0.6)(keys[i], log_weights[i])
-        for found, expected in zip(jax.tree.leaves(batched), jax.tree.leaves(one), strict=True):
-            np.testing.assert_allclose(found[i], expected, rtol=1e-6)
+        one = jax.tree.map(lambda leaf, row=i: leaf[row], batched)
+        chex.assert_trees_all_close(one, adaptive(0.6)(keys[i], log_weights[i]), rtol=1e-6)
 
 
 def test_thresholds_can_be_vmapped():

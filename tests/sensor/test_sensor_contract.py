@@ -2,6 +2,7 @@
 
 import functools
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +13,7 @@ from jaxslam.core import se2
 from jaxslam.core.types import LidarScan
 from jaxslam.sensor import AbstractSensorModel, Beam, Endpoint, LikelihoodField, Nav2Field
 from tests.builders import field_of, scan_of
+from tests.checks import assert_strongly_typed, jit_once
 
 MODELS = {
     "likelihood field": LikelihoodField(max_beams=20),
@@ -91,22 +93,15 @@ def test_jit_and_vmap_change_nothing(model):
 @every_model
 def test_output_is_a_strongly_typed_scalar(model):
     output = jax.eval_shape(model.log_prob, field(), scan(), TRUE_POSE)
-    assert (output.shape, output.dtype, output.weak_type) == ((), jnp.float32, False)
+    chex.assert_trees_all_equal_shapes_and_dtypes(output, jax.ShapeDtypeStruct((), jnp.float32))
+    assert_strongly_typed(output)
 
 
 @every_model
 def test_new_parameter_values_do_not_recompile(model):
-    traces = 0
-
-    @jax.jit
-    def run(model, pose):
-        nonlocal traces
-        traces += 1
-        return model.log_prob(field(), scan(), pose)
-
+    run = jit_once(lambda model, pose: model.log_prob(field(), scan(), pose))
     first = run(model, TRUE_POSE + 0.1)
     again = run(jax.tree.map(lambda value: value * 1.5, model), TRUE_POSE + 0.1)
-    assert traces == 1
     assert float(first) != float(again)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from jaxslam.matching.swarm import FruitFlies
+from tests.checks import jit_once
 
 STANDARD, IMPROVED = FruitFlies.standard(20, 60), FruitFlies(20, 30)
 SEEDS = 20

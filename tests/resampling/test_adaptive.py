@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxslam.resampling import AdaptiveResampling, SystematicResampler
+from tests.checks import assert_strongly_typed
 
 KEY = jax.random.key(0)
 
@@ -72,12 +73,9 @@ def test_thresholds_can_be_vmapped():
 def test_outputs_are_strongly_typed():
     for log_weights in (HALF, jnp.full(4, -jnp.log(4.0))):
         shapes = jax.eval_shape(adaptive(), KEY, log_weights)
-        assert [(s.dtype, s.weak_type) for s in jax.tree.leaves(shapes)] == [
-            (jnp.int32, False),
-            (jnp.float32, False),
-            (jnp.bool_, False),
-            (jnp.float32, False),
-        ]
+        types = [leaf.dtype for leaf in jax.tree.leaves(shapes)]
+        assert types == [jnp.int32, jnp.float32, jnp.bool_, jnp.float32]
+        assert_strongly_typed(shapes)
 
 
 @pytest.mark.parametrize("threshold", [-0.1, float("nan")])

@@ -92,7 +92,7 @@ def test_a_step_keeps_every_type(proposal):
     state = jax.eval_shape(slam.init, key, POSE0)
     after, info = jax.eval_shape(slam.step, key, state, one(inputs_of(), 0))
     chex.assert_trees_all_equal_shapes_and_dtypes(after, state)
-    assert_strongly_typed((after, info))
+    assert_strongly_typed((state, after, info))
 
 
 @every_proposal

@@ -7,6 +7,7 @@ import numpy as np
 from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
 from jaxslam.grid import GridSpec, field_of_map
 from jaxslam.io import OccupancyMap
+from jaxslam.lidar import ScanPoints, surface_normals
 from jaxslam.sim import hall_small
 from jaxslam.sim.rasterize import rasterize
 
@@ -46,6 +47,14 @@ def inputs_of(delta, ranges, valid=None, *, dt=0.2, **geometry) -> StepInputs:
     return StepInputs(odometry_of(delta, dt=dt), scan_of(ranges, valid, **geometry))
 
 
+def points_of(ranges, angles, valid=None) -> ScanPoints:
+    """Return the end points of beams at `angles` from the origin, with the normals of the walls they hit."""
+    valid = np.ones(len(ranges), bool) if valid is None else valid
+    points = (ranges * valid)[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    points, valid = jnp.asarray(points, jnp.float32), jnp.asarray(valid)
+    return ScanPoints(points, valid, surface_normals(points, valid))
+
+
 def field_of(occupied, origin=(0.0, 0.0), resolution=0.1, radius=6):
     """Return the field of a map of occupied cells `[H, W]` whose lower-left corner is at `origin`."""
     origin = jnp.asarray(origin, jnp.float32)
@@ -65,6 +74,20 @@ def room_ranges(pose, angles, half_sides, box=None):
     sides = np.sort(np.stack([(corner - pose[:2]) / direction for corner in box]), axis=0)
     enter, leave = sides[0].max(axis=1), sides[1].min(axis=1)
     return np.where((enter < leave) & (enter > 0), np.minimum(enter, to_walls), to_walls)
+
+
+def room_cells(shape, corner, resolution, *outlines):
+    """Return the cells `[H, W]` of a map with its lower-left at `corner`, the sides of rectangles occupied.
+
+    An outline is the lower and the upper corner of a rectangle; both are the center of a cell.
+    """
+    occupied = np.zeros(shape, bool)
+    for outline in outlines:
+        cells = np.rint((np.asarray(outline) - corner) / resolution - 0.5).astype(int)
+        (left, bottom), (right, top) = cells
+        occupied[[bottom, top], left : right + 1] = True
+        occupied[bottom : top + 1, [left, right]] = True
+    return occupied
 
 
 def hall_map(resolution=0.05):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from jaxslam.core import se2
-from jaxslam.lidar import ScanPoints, surface_normals
+from jaxslam.lidar import ScanPoints
 from jaxslam.matching import ICP, rigid_fit
-from tests.builders import field_of, room_ranges
+from tests.builders import field_of, points_of, room_cells, room_ranges
 
 RESOLUTION = 0.05
 ANGLES = np.deg2rad(np.arange(-90.0, 90.0))
@@ -22,31 +22,16 @@ fit = jax.jit(rigid_fit)
 
 
 def ends_of(pose, noise=0.0, valid=None) -> ScanPoints:
-    reach = room_ranges(pose, ANGLES, ROOM, BOX) + noise * np.random.default_rng(1).standard_normal(
-        len(ANGLES)
-    )
-    valid = np.ones(len(ANGLES), bool) if valid is None else valid
-    points = (reach * valid)[:, None] * np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=-1)
-    points, valid = jnp.asarray(points, jnp.float32), jnp.asarray(valid)
-    return ScanPoints(points, valid, surface_normals(points, valid))
+    error = noise * np.random.default_rng(1).standard_normal(len(ANGLES))
+    return points_of(room_ranges(pose, ANGLES, ROOM, BOX) + error, ANGLES, valid)
 
 
 @pytest.fixture(scope="module")
 def field():
     """The walls in 5 cm cells whose centers lie on them."""
-    occupied = np.zeros((121, 161), bool)
-
-    def cells(low, high):
-        return slice(round((low[1] + 3) / RESOLUTION), round((high[1] + 3) / RESOLUTION) + 1), slice(
-            round((low[0] + 4) / RESOLUTION), round((high[0] + 4) / RESOLUTION) + 1
-        )
-
-    for low, high in ((-ROOM, ROOM), BOX):
-        rows, columns = cells(low, high)
-        occupied[rows, columns] = True
-        inner = occupied[rows.start + 1 : rows.stop - 1, columns.start + 1 : columns.stop - 1]
-        inner[:] = False
-    return field_of(occupied, (-4 - RESOLUTION / 2, -3 - RESOLUTION / 2), RESOLUTION)
+    corner = np.array([-4.0, -3.0]) - RESOLUTION / 2
+    occupied = room_cells((121, 161), corner, RESOLUTION, (-ROOM, ROOM), BOX)
+    return field_of(occupied, corner, RESOLUTION)
 
 
 @pytest.mark.parametrize("seed", range(8))

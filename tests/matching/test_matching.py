@@ -9,9 +9,9 @@ import pytest
 
 from jaxslam.lidar import ScanPoints, surface_normals
 from jaxslam.matching import CorrelativeSearch, GaussNewton, HeadingSearch, PosePrior
-from tests.builders import field_of, room_ranges
+from tests.builders import field_of, points_of, room_cells, room_ranges
 
-RESOLUTION = 0.1
+RESOLUTION, CORNER = 0.1, np.array([-4.05, -3.05])
 ANGLES = np.deg2rad(np.arange(0, 360, 9))
 TRUE_POSE = np.array([0.4, -0.3, 0.2])
 # Half sides (x, y) of a room, and a box in it: lower and upper corner.
@@ -23,35 +23,16 @@ search = jax.jit(CorrelativeSearch.search)
 
 
 def ends_of(reach, valid=None) -> ScanPoints:
-    points = reach[:, None] * np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=-1)
-    valid = np.ones(len(ANGLES), bool) if valid is None else valid
-    points, valid = jnp.asarray(points * valid[:, None], jnp.float32), jnp.asarray(valid)
-    return ScanPoints(points, valid, surface_normals(points, valid))
+    return points_of(reach, ANGLES, valid)
 
 
 @functools.cache
 def room_field(walls="all"):
     """The walls drawn into 0.1 m cells, whose centers lie on them."""
-    occupied = np.zeros((61, 81), bool)
-
-    def cell(x, y):
-        return round((y + 3.0) / RESOLUTION), round((x + 4.0) / RESOLUTION)
-
-    if walls == "none":
-        return prepare(occupied)
-    (low, left), (high, right) = cell(-3, -2), cell(3, 2)
-    occupied[[low, high], left : right + 1] = True
-    if walls == "all":
-        occupied[low : high + 1, [left, right]] = True
-        (low, left), (high, right) = cell(*BOX[0]), cell(*BOX[1])
-        occupied[[low, high], left : right + 1] = occupied[low : high + 1, [left, right]] = True
-    else:
-        occupied[[low, high], :] = True
-    return prepare(occupied)
-
-
-def prepare(occupied):
-    return field_of(occupied, (-4.05, -3.05), RESOLUTION)
+    occupied = room_cells((61, 81), CORNER, RESOLUTION, *([(-ROOM, ROOM), BOX] if walls == "all" else []))
+    if walls == "corridor":
+        occupied[[10, 50]] = True
+    return field_of(occupied, CORNER, RESOLUTION)
 
 
 def prior_of(mean, precision=(0.0, 0.0, 0.0)) -> PosePrior:
@@ -182,7 +163,7 @@ def test_the_end_of_a_known_wall_draws_nothing_back():
     """Beams that hit a wall past the part that the map knows: along it there is nothing to correct."""
     occupied = np.zeros((61, 81), bool)
     occupied[40, :45] = True
-    field = prepare(occupied)
+    field = field_of(occupied, CORNER, RESOLUTION)
     # The wall lies at y = 1 m and is known up to x = 0.4 m; the scan sees it from −1 to 1.4 m.
     points = jnp.asarray(np.stack([np.arange(-1.0, 1.4, 0.1), np.full(24, 1.0)], axis=-1), jnp.float32)
     valid = jnp.ones(24, bool)

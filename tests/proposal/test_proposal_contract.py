@@ -45,19 +45,14 @@ MOTION, SENSOR = (
 )
 
 
-def make_field():
-    """A room from (−2.5, −1.5) to (2.5, 1.5), in 0.1 m cells whose centers lie on the walls."""
-    occupied = np.zeros((41, 61), bool)
-    occupied[[5, 35], 5:56] = occupied[5:36, [5, 55]] = True
-    return builders.field_of(occupied, (-3.05, -2.05))
-
-
-FIELD = make_field()
+# A room from (−2.5, −1.5) to (2.5, 1.5), in 0.1 m cells whose centers lie on the walls.
+ROOM, CORNER = np.array([2.5, 1.5]), np.array([-3.05, -2.05])
+FIELD = builders.field_of(builders.room_cells((41, 61), CORNER, 0.1, (-ROOM, ROOM)), CORNER)
 
 
 def inputs_of(valid=True) -> StepInputs:
     angles = 2 * np.pi / NUM_BEAMS * np.arange(NUM_BEAMS)
-    ranges = builders.room_ranges(TRUTH, angles, np.array([2.5, 1.5]))
+    ranges = builders.room_ranges(TRUTH, angles, ROOM)
     return builders.inputs_of(DELTA, ranges * valid, dt=0.5)
 
 

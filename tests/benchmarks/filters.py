@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxslam.config.slam import SlamConfig
-from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
+from jaxslam.core.types import StepInputs
 from jaxslam.io.log import SensorLog
 from jaxslam.motion import GaussianMotion
 from jaxslam.pipeline.build import build_slam
@@ -19,6 +19,7 @@ from jaxslam.pipeline.prepare import prepare
 from jaxslam.sim import make_world, sick, simulate, to_log
 from jaxslam.slam import RBPF, RBPFState, StepInfo
 from tests.benchmarks.programs import Program
+from tests.builders import inputs_of
 
 NUM_BEAMS = 180
 """As real SICK logs of one degree often have it, not 181."""
@@ -111,13 +112,5 @@ def repeated(tree: Any, count: int) -> Any:
 
 def one_step(num_beams: int) -> StepInputs:
     """A scan of half a turn, and a little way driven."""
-    scan = LidarScan(
-        ranges=jnp.linspace(1.0, 6.0, num_beams),
-        valid=jnp.ones(num_beams, bool),
-        angle_min=jnp.float32(-1.57),
-        angle_increment=jnp.float32(3.14 / num_beams),
-        pose_base_lidar=jnp.zeros(3),
-    )
-    return StepInputs(
-        OdometryIncrement(jnp.asarray([0.2, 0.0, 0.02]), jnp.zeros((3, 3)), jnp.float32(0.2)), scan
-    )
+    ranges = np.linspace(1.0, 6.0, num_beams)
+    return inputs_of([0.2, 0.0, 0.02], ranges, angle_min=-1.57, increment=3.14 / num_beams)

@@ -12,7 +12,7 @@ from jaxslam.pipeline.build import build_localizer
 from jaxslam.sensor import LikelihoodField
 from tests.benchmarks.filters import one_step
 from tests.benchmarks.programs import Program
-from tests.localization.worlds import hall_map
+from tests.builders import hall_map
 
 
 def localizer(num_particles: int, num_beams: int) -> tuple[AMCL, AMCLState, StepInputs]:

@@ -11,7 +11,7 @@ from jaxslam.grid.known_map import KnownMap
 from jaxslam.io import read_tum, write_map, write_tum
 from jaxslam.sim import sick, simulate
 from jaxslam.viz.localization import in_map_axes
-from tests.localization.worlds import hall_map, room
+from tests.builders import hall_map, room
 
 SMALL = ["--particles", "4096"]
 

@@ -25,7 +25,7 @@ from jaxslam.sim import (
     simulate,
     to_log,
 )
-from tests.localization.worlds import hall_map
+from tests.builders import hall_map
 
 # As far off as its data sheet allows somewhere: 12 cm at 2.5 m.
 BIAS = draw_lds_01_bias(jax.random.key(0), share=1.0)

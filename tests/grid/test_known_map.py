@@ -9,7 +9,7 @@ from scipy.ndimage import distance_transform_edt
 from jaxslam.grid.distance import distance_to_nearest
 from jaxslam.grid.known_map import KnownMap
 from jaxslam.io import OccupancyMap
-from tests.localization.worlds import room
+from tests.builders import room
 
 ORIGINS = {"upright": (1.0, -2.0, 0.0), "turned": (1.0, -2.0, 0.7), "upside down": (0.0, 0.0, np.pi)}
 

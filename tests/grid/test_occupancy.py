@@ -1,31 +1,19 @@
 """Scan integration: a map by hand, and cell by cell against the beams."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.core.types import LidarScan
 from jaxslam.grid import OccupancyModel, add_scan, cells_from_lidar, probability, quantize, range_table
 from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT, NUM_BEARINGS
+from tests.builders import scan_of
 
 MODEL = OccupancyModel(hit=2.7, miss=-1.2, limit=15.0, occupied_above=1.5)
 HIT, MISS, LIMIT = 18, -8, 100
 SIZE, RESOLUTION = 61, 0.1
 ENTRY = 2 * np.pi / NUM_BEARINGS
-
-
-def scan_of(ranges, angle_min=0.0, increment=None, valid=None) -> LidarScan:
-    ranges = np.asarray(ranges, np.float64)
-    increment = 2 * np.pi / len(ranges) if increment is None else increment
-    valid = np.ones(len(ranges), bool) if valid is None else np.asarray(valid)
-    return LidarScan(
-        ranges=jnp.asarray(np.where(valid, ranges, 0.0), jnp.float32),
-        valid=jnp.asarray(valid),
-        angle_min=jnp.float32(angle_min),
-        angle_increment=jnp.float32(increment),
-        pose_base_lidar=jnp.zeros(3, jnp.float32),
-    )
 
 
 def beam_ends(scan, heading, resolution=RESOLUTION, size=SIZE):
@@ -55,7 +43,7 @@ def added(scan, heading=0.0, window=None, resolution=RESOLUTION, size=SIZE, mode
 def random_scan(seed, num_beams=40, share_invalid=0.2, **geometry):
     random = np.random.default_rng(seed)
     valid = random.random(num_beams) >= share_invalid
-    return scan_of(random.uniform(0.5, 2.7, num_beams), valid=valid, **geometry)
+    return scan_of(np.where(valid, random.uniform(0.5, 2.7, num_beams), 0.0), **geometry)
 
 
 def test_five_by_five_by_hand():
@@ -128,7 +116,7 @@ def test_a_whole_turn_leaves_no_gap_behind_the_last_beam():
 def test_clockwise_beams_make_the_same_map():
     scan = random_scan(3, angle_min=-1.2, increment=2.4 / 39)
     ranges, valid = np.asarray(scan.ranges)[::-1], np.asarray(scan.valid)[::-1]
-    clockwise = scan_of(ranges, angle_min=1.2, increment=-2.4 / 39, valid=valid)
+    clockwise = scan_of(ranges, valid, angle_min=1.2, increment=-2.4 / 39)
     first, second = added(scan, 0.4), added(clockwise, 0.4)
     # Rounding may move the boundary between two beams by one entry of the table.
     assert np.mean(first != second) < 0.002
@@ -148,7 +136,7 @@ def test_a_wall_at_a_grazing_angle_is_not_eroded(heading):
     with np.errstate(divide="ignore"):
         ranges = 0.3 / np.abs(np.sin(angles + heading))
     valid = ranges < 2.9
-    scan = scan_of(np.where(valid, ranges, 0.0), -np.pi / 2, np.deg2rad(1.0), valid)
+    scan = scan_of(np.where(valid, ranges, 0.0), angle_min=-np.pi / 2, increment=np.deg2rad(1.0))
     window = jnp.zeros((SIZE, SIZE), jnp.int8)
     for _ in range(5):
         window = jnp.asarray(added(scan, heading, window), jnp.int8)
@@ -160,10 +148,10 @@ def test_a_wall_at_a_grazing_angle_is_not_eroded(heading):
 
 
 def test_beams_without_return_change_nothing():
-    scan = scan_of(np.full(40, 2.0), valid=np.zeros(40, bool))
+    scan = scan_of(np.zeros(40))
     assert not added(scan).any()
     one = np.arange(40) == 10
-    change = added(scan_of(np.full(40, 2.0), valid=one))
+    change = added(scan_of(np.where(one, 2.0, 0.0)))
     rows, columns = np.nonzero(change == MISS)
     # Only beam 10 (a quarter turn) returned: its half spacings on both sides, and the lidar's own cell.
     off_axis = np.abs(np.arctan2(columns - SIZE // 2, rows - SIZE // 2))
@@ -190,10 +178,9 @@ def test_ends_outside_the_window_are_dropped():
 
 def test_a_broken_scan_leaves_numbers():
     scan = scan_of(np.full(40, 2.0))
-    scan = LidarScan(
-        scan.ranges.at[3].set(jnp.nan), scan.valid.at[3].set(False), *[scan.angle_min, scan.angle_increment],
-        pose_base_lidar=scan.pose_base_lidar,
-    )  # fmt: skip
+    scan = eqx.tree_at(
+        lambda s: (s.ranges, s.valid), scan, (scan.ranges.at[3].set(jnp.nan), scan.valid.at[3].set(False))
+    )
     hits = jnp.asarray(np.full((40, 2), -5), jnp.int32)
     change = integrate(
         MODEL, jnp.zeros((SIZE, SIZE), jnp.int8), scan, hits, jnp.float32(0), jnp.float32(RESOLUTION)
@@ -202,7 +189,7 @@ def test_a_broken_scan_leaves_numbers():
 
 
 def test_range_table_by_hand():
-    scan = scan_of([1.0, 2.0, 3.0, 0.0], angle_min=0.0, valid=[True, True, True, False])
+    scan = scan_of([1.0, 2.0, 3.0, 0.0])
     free_until = np.asarray(range_table(scan, jnp.float32(0.5), 5).free_until)
     quarter = NUM_BEARINGS // 4
     # In half cells of 0.25 m; the limit of 5 cells is 10 half cells.

@@ -5,18 +5,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.grid import field_of_map
 from jaxslam.grid.raycast import cast
+from tests import builders
 
 ANGLES = np.linspace(-np.pi, np.pi, 73)
 cast_jit = jax.jit(cast)
-field_of_map_jit = jax.jit(field_of_map, static_argnums=3)
 
 
 def field_of(occupied, origin=(0.0, 0.0), resolution=1.0, radius=3):
-    return field_of_map_jit(
-        jnp.asarray(occupied), jnp.asarray(origin, jnp.float32), jnp.float32(resolution), radius
-    ).fine
+    return builders.field_of(occupied, origin, resolution, radius).fine
 
 
 def walk(occupied, start, angle, max_range):

@@ -1,21 +1,14 @@
 """End points of beams in the base frame, and which beams are kept."""
 
-import jax.numpy as jnp
+import functools
+
 import numpy as np
 import pytest
 
-from jaxslam.core.types import LidarScan
 from jaxslam.lidar import scan_points, spread_beams
+from tests import builders
 
-
-def scan_of(ranges, valid, mounting=(0.0, 0.0, 0.0), angle_min=0.0, increment=np.pi / 2) -> LidarScan:
-    return LidarScan(
-        jnp.asarray(ranges, jnp.float32),
-        jnp.asarray(valid),
-        jnp.float32(angle_min),
-        jnp.float32(increment),
-        jnp.asarray(mounting, jnp.float32),
-    )
+scan_of = functools.partial(builders.scan_of, increment=np.pi / 2)
 
 
 def test_points_by_hand():

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import chex
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -19,7 +20,8 @@ from jaxslam.pipeline.inputs import pair_scans
 from jaxslam.pipeline.localize import localize_log, settled_elsewhere
 from jaxslam.resampling import normalize
 from jaxslam.sim import sick, simulate, to_log
-from tests.localization.worlds import hall_map
+from tests.builders import hall_map
+from tests.checks import assert_strongly_typed, jit_once
 
 SMALL = {"max_particles": 8192, "min_particles": 200}
 KEY = jax.random.key(5)
@@ -276,22 +278,16 @@ def test_states_go_round_without_compiling_again(drive, amcl):
     _, prepared, truth = drive
     state = start_at(amcl, KEY, tuple(truth[0]), (0.1, 0.05))
     after, info = jax.eval_shape(AMCL.step, amcl, KEY, state, at(prepared, 3))
-    described = [
-        [(leaf.shape, leaf.dtype, leaf.weak_type) for leaf in jax.tree.leaves(tree)]
-        for tree in (state, after, info)
-    ]
-    assert described[0] == described[1]
-    assert [(1, *shape) for shape, _, _ in described[2]] == [shape for shape, _, _ in described[3]]
-    assert [rest for _, *rest in described[2]] == [rest for _, *rest in described[3]]
+    chex.assert_trees_all_equal_shapes_and_dtypes(after, state)
+    assert_strongly_typed((state, after, info))
 
 
 def test_one_compilation_serves_every_float(drive, amcl):
     _, prepared, truth = drive
     state = start_at(amcl, KEY, tuple(truth[0]), (0.1, 0.05))
-    step = jax.jit(lambda one, key, state, inputs: one.step(key, state, inputs))
+    step = jit_once(lambda one, key, state, inputs: one.step(key, state, inputs))
     changed = eqx.tree_at(
         lambda a: (a.recovery.slow, a.sampling.error, a.resample_below), amcl, (0.02, 0.1, 0.8)
     )
     for one in (amcl, changed):
         step(one, KEY, state, at(prepared, 3))
-    assert step._cache_size() == 1

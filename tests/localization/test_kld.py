@@ -8,7 +8,7 @@ from scipy.stats import chi2, norm
 
 from jaxslam.grid.known_map import KnownMap
 from jaxslam.localization import Bins, KLDSampling
-from tests.localization.worlds import room
+from tests.builders import room
 
 SAMPLING = KLDSampling(error=0.05, quantile=2.326, min_particles=2.0)
 

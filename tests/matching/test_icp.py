@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from jaxslam.core import se2
-from jaxslam.grid import field_of_map
-from jaxslam.lidar import ScanPoints, surface_normals
+from jaxslam.lidar import ScanPoints
 from jaxslam.matching import ICP, rigid_fit
+from tests.builders import field_of, points_of, room_cells, room_ranges
 
 RESOLUTION = 0.05
 ANGLES = np.deg2rad(np.arange(-90.0, 90.0))
@@ -21,41 +21,17 @@ match_scans = jax.jit(ICP.match_scans)
 fit = jax.jit(rigid_fit)
 
 
-def ranges(pose):
-    """Exact ranges from inside the room: the nearest wall or the box's nearer face."""
-    direction = np.stack([np.cos(pose[2] + ANGLES), np.sin(pose[2] + ANGLES)], axis=-1)
-    direction = np.where(np.abs(direction) < 1e-9, 1e-9, direction)
-    to_walls = ((ROOM - np.sign(direction) * pose[:2]) / np.abs(direction)).min(axis=1)
-    sides = np.sort(np.stack([(corner - pose[:2]) / direction for corner in BOX]), axis=0)
-    enter, leave = sides[0].max(axis=1), sides[1].min(axis=1)
-    return np.where((enter < leave) & (enter > 0), np.minimum(enter, to_walls), to_walls)
-
-
 def ends_of(pose, noise=0.0, valid=None) -> ScanPoints:
-    reach = ranges(pose) + noise * np.random.default_rng(1).standard_normal(len(ANGLES))
-    valid = np.ones(len(ANGLES), bool) if valid is None else valid
-    points = (reach * valid)[:, None] * np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=-1)
-    points, valid = jnp.asarray(points, jnp.float32), jnp.asarray(valid)
-    return ScanPoints(points, valid, surface_normals(points, valid))
+    error = noise * np.random.default_rng(1).standard_normal(len(ANGLES))
+    return points_of(room_ranges(pose, ANGLES, ROOM, BOX) + error, ANGLES, valid)
 
 
 @pytest.fixture(scope="module")
 def field():
     """The walls in 5 cm cells whose centers lie on them."""
-    occupied = np.zeros((121, 161), bool)
-
-    def cells(low, high):
-        return slice(round((low[1] + 3) / RESOLUTION), round((high[1] + 3) / RESOLUTION) + 1), slice(
-            round((low[0] + 4) / RESOLUTION), round((high[0] + 4) / RESOLUTION) + 1
-        )
-
-    for low, high in ((-ROOM, ROOM), BOX):
-        rows, columns = cells(low, high)
-        occupied[rows, columns] = True
-        inner = occupied[rows.start + 1 : rows.stop - 1, columns.start + 1 : columns.stop - 1]
-        inner[:] = False
-    corner = jnp.asarray([-4 - RESOLUTION / 2, -3 - RESOLUTION / 2], jnp.float32)
-    return jax.jit(field_of_map, static_argnums=3)(jnp.asarray(occupied), corner, jnp.float32(RESOLUTION), 6)
+    corner = np.array([-4.0, -3.0]) - RESOLUTION / 2
+    occupied = room_cells((121, 161), corner, RESOLUTION, (-ROOM, ROOM), BOX)
+    return field_of(occupied, corner, RESOLUTION)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -114,9 +90,7 @@ def test_outliers_are_trimmed(field, seed):
 
 
 def test_nothing_to_see_leaves_the_pose():
-    empty = jax.jit(field_of_map, static_argnums=3)(
-        jnp.zeros((40, 40), bool), jnp.zeros(2, jnp.float32), jnp.float32(RESOLUTION), 6
-    )
+    empty = field_of(np.zeros((40, 40), bool), resolution=RESOLUTION)
     start = jnp.asarray([1.0, 1.0, 0.3], jnp.float32)
     for field_, ends in (
         (empty, ends_of(POSE)),

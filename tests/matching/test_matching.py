@@ -7,61 +7,32 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.grid import field_of_map
 from jaxslam.lidar import ScanPoints, surface_normals
 from jaxslam.matching import CorrelativeSearch, GaussNewton, HeadingSearch, PosePrior
+from tests.builders import field_of, points_of, room_cells, room_ranges
 
-RESOLUTION = 0.1
+RESOLUTION, CORNER = 0.1, np.array([-4.05, -3.05])
 ANGLES = np.deg2rad(np.arange(0, 360, 9))
 TRUE_POSE = np.array([0.4, -0.3, 0.2])
 # Half sides (x, y) of a room, and a box in it: lower and upper corner.
 ROOM, BOX = np.array([3.0, 2.0]), np.array([[1.2, 0.4], [1.9, 1.1]])
 
+ranges = functools.partial(room_ranges, angles=ANGLES, half_sides=ROOM, box=BOX)
 match = jax.jit(GaussNewton.match)
 search = jax.jit(CorrelativeSearch.search)
 
 
-def ranges(pose, half_sides=ROOM, box=BOX):
-    """Exact ranges from inside the room, in NumPy: the nearest wall or the box's nearer face."""
-    direction = np.stack([np.cos(pose[2] + ANGLES), np.sin(pose[2] + ANGLES)], axis=-1)
-    direction = np.where(np.abs(direction) < 1e-9, 1e-9, direction)
-    to_walls = ((half_sides - np.sign(direction) * pose[:2]) / np.abs(direction)).min(axis=1)
-    sides = np.sort(np.stack([(corner - pose[:2]) / direction for corner in box]), axis=0)
-    enter, leave = sides[0].max(axis=1), sides[1].min(axis=1)
-    return np.where((enter < leave) & (enter > 0), np.minimum(enter, to_walls), to_walls)
-
-
 def ends_of(reach, valid=None) -> ScanPoints:
-    points = reach[:, None] * np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=-1)
-    valid = np.ones(len(ANGLES), bool) if valid is None else valid
-    points, valid = jnp.asarray(points * valid[:, None], jnp.float32), jnp.asarray(valid)
-    return ScanPoints(points, valid, surface_normals(points, valid))
+    return points_of(reach, ANGLES, valid)
 
 
 @functools.cache
 def room_field(walls="all"):
     """The walls drawn into 0.1 m cells, whose centers lie on them."""
-    occupied = np.zeros((61, 81), bool)
-
-    def cell(x, y):
-        return round((y + 3.0) / RESOLUTION), round((x + 4.0) / RESOLUTION)
-
-    if walls == "none":
-        return prepare(occupied)
-    (low, left), (high, right) = cell(-3, -2), cell(3, 2)
-    occupied[[low, high], left : right + 1] = True
-    if walls == "all":
-        occupied[low : high + 1, [left, right]] = True
-        (low, left), (high, right) = cell(*BOX[0]), cell(*BOX[1])
-        occupied[[low, high], left : right + 1] = occupied[low : high + 1, [left, right]] = True
-    else:
-        occupied[[low, high], :] = True
-    return prepare(occupied)
-
-
-def prepare(occupied):
-    corner = jnp.asarray([-4.05, -3.05], jnp.float32)
-    return jax.jit(field_of_map, static_argnums=3)(jnp.asarray(occupied), corner, jnp.float32(RESOLUTION), 6)
+    occupied = room_cells((61, 81), CORNER, RESOLUTION, *([(-ROOM, ROOM), BOX] if walls == "all" else []))
+    if walls == "corridor":
+        occupied[[10, 50]] = True
+    return field_of(occupied, CORNER, RESOLUTION)
 
 
 def prior_of(mean, precision=(0.0, 0.0, 0.0)) -> PosePrior:
@@ -128,7 +99,7 @@ def test_search_stays_where_the_prior_is_sure():
 
 def test_prior_keeps_the_axis_of_a_corridor():
     """Beams that only see the long walls: the scan settles y and heading, and the prior alone x."""
-    reach = ranges(TRUE_POSE, np.array([1e3, 2.0]), np.array([[50.0, 50.0], [51.0, 51.0]]))
+    reach = room_ranges(TRUE_POSE, ANGLES, np.array([1e3, 2.0]))
     ends = ends_of(np.where(reach < 4.0, reach, 0.0), reach < 4.0)
     start = TRUE_POSE + np.array([0.15, 0.12, 0.05])
     matcher = GaussNewton(sigma_cells=2.0, num_iterations=15)
@@ -192,7 +163,7 @@ def test_the_end_of_a_known_wall_draws_nothing_back():
     """Beams that hit a wall past the part that the map knows: along it there is nothing to correct."""
     occupied = np.zeros((61, 81), bool)
     occupied[40, :45] = True
-    field = prepare(occupied)
+    field = field_of(occupied, CORNER, RESOLUTION)
     # The wall lies at y = 1 m and is known up to x = 0.4 m; the scan sees it from −1 to 1.4 m.
     points = jnp.asarray(np.stack([np.arange(-1.0, 1.4, 0.1), np.full(24, 1.0)], axis=-1), jnp.float32)
     valid = jnp.ones(24, bool)

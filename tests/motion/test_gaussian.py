@@ -1,5 +1,6 @@
 """The Gaussian model against scipy."""
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,17 +8,11 @@ import pytest
 import scipy.stats
 
 from jaxslam.core import se2
-from jaxslam.core.types import OdometryIncrement
 from jaxslam.motion import GaussianMotion
+from tests.builders import odometry_of
 
 COVARIANCE = np.array([[4e-3, 1e-3, 2e-3], [1e-3, 2e-3, -1e-3], [2e-3, -1e-3, 5e-3]])
 ORIGIN = jnp.zeros(3, jnp.float32)
-
-
-def odometry_of(delta, covariance) -> OdometryIncrement:
-    return OdometryIncrement(
-        jnp.asarray(delta, jnp.float32), jnp.asarray(covariance, jnp.float32), jnp.float32(1.0)
-    )
 
 
 def test_log_prob_is_the_normal_density():
@@ -70,8 +65,7 @@ def test_the_heading_error_is_wrapped():
 def test_an_indefinite_covariance_is_repaired(covariance):
     model, odometry = GaussianMotion(), odometry_of([0.1, 0.0, 0.2], covariance)
     pose_next = model.sample(jax.random.key(0), ORIGIN, odometry)
-    assert np.isfinite(pose_next).all()
-    assert np.isfinite(model.log_prob(pose_next, ORIGIN, odometry))
+    chex.assert_tree_all_finite((pose_next, model.log_prob(pose_next, ORIGIN, odometry)))
     repaired = np.asarray(model.covariance(odometry), np.float64)
     assert np.linalg.eigvalsh(repaired).min() > 0.0
     # Turning the frame keeps the sum of the variances: what came in, and at most two floors an

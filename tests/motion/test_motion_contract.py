@@ -1,5 +1,8 @@
 """What every motion model must do, over a registry of all of them."""
 
+import functools
+
+import chex
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -8,7 +11,6 @@ import pytest
 
 import jaxslam.motion
 from jaxslam.core import se2
-from jaxslam.core.types import OdometryIncrement
 from jaxslam.motion import (
     AbstractMotionModel,
     GaussianMotion,
@@ -16,6 +18,8 @@ from jaxslam.motion import (
     OmnidirectionalMotion,
     VelocityMotion,
 )
+from tests import builders
+from tests.checks import assert_strongly_typed, jit_once
 
 MODELS = {
     "odometry": OdometryMotion(),
@@ -43,12 +47,7 @@ INCREMENTS = {
 COVARIANCE = np.array([[4e-3, 1e-3, 2e-3], [1e-3, 2e-3, -1e-3], [2e-3, -1e-3, 5e-3]])
 POSE = jnp.array([3.0, -2.0, 2.5], jnp.float32)
 NUM_SAMPLES = 100_000
-
-
-def odometry_of(delta, dt=0.5, covariance=COVARIANCE) -> OdometryIncrement:
-    return OdometryIncrement(
-        jnp.asarray(delta, jnp.float32), jnp.asarray(covariance, jnp.float32), jnp.float32(dt)
-    )
+odometry_of = functools.partial(builders.odometry_of, covariance=COVARIANCE, dt=0.5)
 
 
 @jax.jit
@@ -157,10 +156,9 @@ def test_density_penalizes_what_the_samples_do_not_reach(name):
 @pytest.mark.parametrize("increment", INCREMENTS)
 @pytest.mark.parametrize("dt", [0.0, 0.5])
 def test_values_and_gradients_are_finite(name, increment, dt):
-    odometry = odometry_of(INCREMENTS[increment], dt, np.zeros((3, 3)))
+    odometry = odometry_of(INCREMENTS[increment], dt=dt, covariance=np.zeros((3, 3)))
     pose_next = POSE + odometry.delta
-    for leaf in jax.tree.leaves(everything(MODELS[name], pose_next, POSE, odometry)):
-        assert np.isfinite(leaf).all()
+    chex.assert_tree_all_finite(everything(MODELS[name], pose_next, POSE, odometry))
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -192,22 +190,17 @@ def test_outputs_are_strongly_typed_float32(name):
         jax.eval_shape(model.log_prob, POSE, POSE, odometry),
         jax.eval_shape(model.covariance, odometry),
     ]
-    assert [(o.shape, o.dtype, o.weak_type) for o in outputs] == [
-        ((3,), jnp.float32, False),
-        ((), jnp.float32, False),
-        ((3, 3), jnp.float32, False),
-    ]
+    expected = [jax.ShapeDtypeStruct(shape, jnp.float32) for shape in ((3,), (), (3, 3))]
+    chex.assert_trees_all_equal_shapes_and_dtypes(outputs, expected)
+    assert_strongly_typed(outputs)
 
 
 @pytest.mark.parametrize("name", MODELS)
 def test_new_parameter_values_do_not_recompile(name):
     odometry, model = odometry_of(INCREMENTS["forward"]), MODELS[name]
-    traces = 0
 
-    @jax.jit
+    @jit_once
     def step(model, key, pose):
-        nonlocal traces
-        traces += 1
         pose_next = model.sample(key, pose, odometry)
         return model.log_prob(pose_next, pose, odometry), model.covariance(odometry)
 
@@ -217,7 +210,6 @@ def test_new_parameter_values_do_not_recompile(name):
         log_prob, covariance = step(changed, jax.random.key(0), POSE)
         assert np.isfinite(covariance).all()
         results.add(float(log_prob))
-    assert traces == 1
     assert len(results) == 1 + len(vars(model))
 
 

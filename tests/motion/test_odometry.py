@@ -6,16 +6,10 @@ import numpy as np
 import pytest
 
 from jaxslam.core import se2
-from jaxslam.core.types import OdometryIncrement
 from jaxslam.motion import OdometryMotion
+from tests.builders import odometry_of
 
 ORIGIN = jnp.zeros(3, jnp.float32)
-
-
-def odometry_of(delta) -> OdometryIncrement:
-    return OdometryIncrement(
-        jnp.asarray(delta, jnp.float32), jnp.zeros((3, 3), jnp.float32), jnp.float32(1.0)
-    )
 
 
 def table_5_6(alphas, delta, pose, normals):

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.core.types import OdometryIncrement
 from jaxslam.motion import OmnidirectionalMotion
+from tests.builders import odometry_of
 
 NUM_SAMPLES = 100_000
 # No two alike: an exchange of any two shows.
@@ -19,10 +19,6 @@ MODEL = OmnidirectionalMotion(
     translation_floor=0.001,
     rotation_floor=0.002,
 )
-
-
-def odometry_of(delta):
-    return OdometryIncrement(jnp.asarray(delta, jnp.float32), jnp.zeros((3, 3)), jnp.float32(0.5))
 
 
 @pytest.mark.parametrize(

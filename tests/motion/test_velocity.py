@@ -5,14 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.core.types import OdometryIncrement
 from jaxslam.motion import VelocityMotion
+from tests.builders import odometry_of
 
 ORIGIN = jnp.zeros(3, jnp.float32)
-
-
-def odometry_of(delta, dt=1.0) -> OdometryIncrement:
-    return OdometryIncrement(jnp.asarray(delta, jnp.float32), jnp.zeros((3, 3), jnp.float32), jnp.float32(dt))
 
 
 def arc(v, omega, gamma, dt, pose):
@@ -47,7 +43,7 @@ def test_a_step_is_table_5_3(seed):
         pose,
     )
     delta = arc(v, omega, 0.0, dt, np.zeros(3))
-    drawn = np.asarray(model.sample(key, jnp.asarray(pose, jnp.float32), odometry_of(delta, dt)))
+    drawn = np.asarray(model.sample(key, jnp.asarray(pose, jnp.float32), odometry_of(delta, dt=dt)))
     difference = drawn - expected
     difference[2] = (difference[2] + np.pi) % (2 * np.pi) - np.pi
     np.testing.assert_allclose(difference, 0.0, atol=2e-5)
@@ -97,9 +93,9 @@ def test_the_duration_cancels(dt):
     model, delta = VelocityMotion(), [0.4, 0.1, 0.3]
     key = jax.random.key(4)
     reference = model.sample(key, ORIGIN, odometry_of(delta))
-    np.testing.assert_array_equal(model.sample(key, ORIGIN, odometry_of(delta, dt)), reference)
+    np.testing.assert_array_equal(model.sample(key, ORIGIN, odometry_of(delta, dt=dt)), reference)
     np.testing.assert_array_equal(
-        model.covariance(odometry_of(delta, dt)), model.covariance(odometry_of(delta))
+        model.covariance(odometry_of(delta, dt=dt)), model.covariance(odometry_of(delta))
     )
 
 

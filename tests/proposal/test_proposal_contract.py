@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,8 +11,7 @@ import pytest
 import jaxslam.proposal
 from jaxslam.core import se2
 from jaxslam.core.flags import Flag
-from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
-from jaxslam.grid import field_of_map
+from jaxslam.core.types import StepInputs
 from jaxslam.matching.swarm import FruitFlies
 from jaxslam.motion import GaussianMotion, OdometryMotion
 from jaxslam.proposal import (
@@ -23,6 +23,8 @@ from jaxslam.proposal import (
     ProposalContext,
 )
 from jaxslam.sensor import LikelihoodField
+from tests import builders
+from tests.checks import assert_strongly_typed, jit_once
 
 NUM_BEAMS = 36
 PROPOSALS = {
@@ -43,31 +45,15 @@ MOTION, SENSOR = (
 )
 
 
-def make_field():
-    """A room from (−2.5, −1.5) to (2.5, 1.5), in 0.1 m cells whose centers lie on the walls."""
-    occupied = np.zeros((41, 61), bool)
-    occupied[[5, 35], 5:56] = occupied[5:36, [5, 55]] = True
-    corner = jnp.asarray([-3.05, -2.05], jnp.float32)
-    return jax.jit(field_of_map, static_argnums=3)(jnp.asarray(occupied), corner, jnp.float32(0.1), 6)
-
-
-FIELD = make_field()
+# A room from (−2.5, −1.5) to (2.5, 1.5), in 0.1 m cells whose centers lie on the walls.
+ROOM, CORNER = np.array([2.5, 1.5]), np.array([-3.05, -2.05])
+FIELD = builders.field_of(builders.room_cells((41, 61), CORNER, 0.1, (-ROOM, ROOM)), CORNER)
 
 
 def inputs_of(valid=True) -> StepInputs:
     angles = 2 * np.pi / NUM_BEAMS * np.arange(NUM_BEAMS)
-    direction = np.stack([np.cos(TRUTH[2] + angles), np.sin(TRUTH[2] + angles)], axis=-1)
-    ranges = ((np.array([2.5, 1.5]) - np.sign(direction) * TRUTH[:2]) / np.abs(direction)).min(axis=1)
-    return StepInputs(
-        OdometryIncrement(DELTA, jnp.zeros((3, 3)), jnp.float32(0.5)),
-        LidarScan(
-            jnp.asarray(ranges * valid, jnp.float32),
-            jnp.full(NUM_BEAMS, valid),
-            jnp.float32(0.0),
-            jnp.float32(2 * np.pi / NUM_BEAMS),
-            jnp.zeros(3, jnp.float32),
-        ),
-    )
+    ranges = builders.room_ranges(TRUTH, angles, ROOM)
+    return builders.inputs_of(DELTA, ranges * valid, dt=0.5)
 
 
 def context_of(inputs, field=FIELD, motion=MOTION, sensor=SENSOR) -> ProposalContext:
@@ -98,12 +84,10 @@ def test_every_proposal_is_registered():
 @every_proposal
 def test_outputs_are_strongly_typed(proposal):
     proposed = jax.eval_shape(sample, proposal, jax.random.key(0), POSE, inputs_of())
-    assert [(leaf.shape, leaf.dtype, leaf.weak_type) for leaf in jax.tree.leaves(proposed)] == [
-        ((3,), jnp.float32, False),
-        ((), jnp.float32, False),
-        ((), jnp.float32, False),
-        ((), jnp.int32, False),
-    ]
+    number, flags = jax.ShapeDtypeStruct((), jnp.float32), jax.ShapeDtypeStruct((), jnp.int32)
+    expected = [jax.ShapeDtypeStruct((3,), jnp.float32), number, number, flags]
+    chex.assert_trees_all_equal_shapes_and_dtypes(jax.tree.leaves(proposed), expected)
+    assert_strongly_typed(proposed)
 
 
 @every_proposal
@@ -131,11 +115,10 @@ def test_jit_and_vmap_change_nothing(proposal):
 
 @every_proposal
 def test_new_parameter_values_do_not_recompile(proposal):
-    sample(proposal, jax.random.key(0), POSE, inputs_of())
-    compiled = jitted_sample._cache_size()
+    traced = jit_once(lambda *arguments: jitted_sample(*arguments))
+    traced.eval_shape(proposal, jax.random.key(0), POSE, inputs_of(), MOTION, SENSOR)
     changed, motion, sensor = jax.tree.map(lambda value: value * 1.1, (proposal, MOTION, SENSOR))
-    jitted_sample(changed, jax.random.key(1), POSE, inputs_of(), motion, sensor)
-    assert jitted_sample._cache_size() == compiled
+    traced.eval_shape(changed, jax.random.key(1), POSE, inputs_of(), motion, sensor)
 
 
 @every_proposal

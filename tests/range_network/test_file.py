@@ -4,6 +4,7 @@ import io
 import json
 import pickle
 
+import chex
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -42,10 +43,7 @@ def test_a_network_comes_back_as_it_was(tmp_path, num_neurons):
     network = drawn(num_neurons)
     save_network(tmp_path / "n.eqx", network)
     loaded = load_network(tmp_path / "n.eqx")
-    assert jax.tree.structure(loaded) == jax.tree.structure(network)
-    for one, other in zip(jax.tree.leaves(loaded), jax.tree.leaves(network), strict=True):
-        assert (one.dtype, one.shape) == (other.dtype, other.shape)
-        assert np.asarray(one).tobytes() == np.asarray(other).tobytes()
+    chex.assert_trees_all_equal(loaded, network, strict=True)
 
 
 def test_the_same_network_makes_the_same_bytes(path, tmp_path):

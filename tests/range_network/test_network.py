@@ -1,13 +1,14 @@
 """The network alone: how it begins, what it computes, and what it leaves as it is."""
 
+import chex
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.core.types import LidarScan
 from jaxslam.range_network import RangeNetwork
+from tests.builders import scan_of
 
 SHORTEST, LONGEST = 0.12, 3.5
 
@@ -31,17 +32,6 @@ def by_hand(bias_out=0.1) -> RangeNetwork:
 def corrections(network: RangeNetwork, ranges) -> np.ndarray:
     ranges = jnp.asarray(ranges, jnp.float32)
     return np.asarray(network(ranges)) - np.asarray(ranges)
-
-
-def scan_of(ranges, valid) -> LidarScan:
-    count = len(ranges)
-    return LidarScan(
-        ranges=jnp.asarray(ranges, jnp.float32),
-        valid=jnp.asarray(valid, bool),
-        angle_min=jnp.asarray(-1.0, jnp.float32),
-        angle_increment=jnp.asarray(2.0 / count, jnp.float32),
-        pose_base_lidar=jnp.zeros(3, jnp.float32),
-    )
 
 
 def test_one_neuron_by_hand():
@@ -153,8 +143,7 @@ def test_gradients_are_finite(network):
         return jnp.sum((corrected.ranges - 1.0) ** 2)
 
     of_network, of_ranges = jax.grad(loss, argnums=(0, 1))(network, ranges)
-    for leaf in (*jax.tree.leaves(of_network), of_ranges):
-        assert np.isfinite(leaf).all()
+    chex.assert_tree_all_finite((of_network, of_ranges))
     assert np.abs(of_network.weights_out).min() > 0
     # Beyond the interval the correction is constant: 2 · (corrected − 1) · 1.
     beyond = float(network(jnp.asarray(9.0)))

@@ -1,11 +1,13 @@
 """The rule that decides whether to resample."""
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxslam.resampling import AdaptiveResampling, SystematicResampler
+from tests.checks import assert_strongly_typed
 
 KEY = jax.random.key(0)
 
@@ -59,9 +61,8 @@ def test_vmap_over_sets_is_the_loop():
     batched = jax.jit(jax.vmap(adaptive(0.6)))(keys, log_weights)
     assert batched.resampled.tolist() == [True, False, True]
     for i in range(3):
-        one = adaptive(0.6)(keys[i], log_weights[i])
-        for found, expected in zip(jax.tree.leaves(batched), jax.tree.leaves(one), strict=True):
-            np.testing.assert_allclose(found[i], expected, rtol=1e-6)
+        one = jax.tree.map(lambda leaf, row=i: leaf[row], batched)
+        chex.assert_trees_all_close(one, adaptive(0.6)(keys[i], log_weights[i]), rtol=1e-6)
 
 
 def test_thresholds_can_be_vmapped():
@@ -72,12 +73,9 @@ def test_thresholds_can_be_vmapped():
 def test_outputs_are_strongly_typed():
     for log_weights in (HALF, jnp.full(4, -jnp.log(4.0))):
         shapes = jax.eval_shape(adaptive(), KEY, log_weights)
-        assert [(s.dtype, s.weak_type) for s in jax.tree.leaves(shapes)] == [
-            (jnp.int32, False),
-            (jnp.float32, False),
-            (jnp.bool_, False),
-            (jnp.float32, False),
-        ]
+        types = [leaf.dtype for leaf in jax.tree.leaves(shapes)]
+        assert types == [jnp.int32, jnp.float32, jnp.bool_, jnp.float32]
+        assert_strongly_typed(shapes)
 
 
 @pytest.mark.parametrize("threshold", [-0.1, float("nan")])

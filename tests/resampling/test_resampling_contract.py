@@ -1,5 +1,6 @@
 """What every resampling scheme must do, over a registry of all of them."""
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +15,7 @@ from jaxslam.resampling import (
     StratifiedResampler,
     SystematicResampler,
 )
+from tests.checks import assert_strongly_typed, jit_once
 
 SCHEMES = {
     "systematic": SystematicResampler(),
@@ -212,19 +214,13 @@ def test_jit_and_vmap_change_nothing(scheme):
 @every_scheme
 def test_ancestors_are_strongly_typed_int32(scheme):
     shape = jax.eval_shape(scheme.ancestors, jax.random.key(0), jnp.zeros(4, jnp.float32))
-    assert (shape.shape, shape.dtype, shape.weak_type) == ((4,), jnp.int32, False)
+    chex.assert_trees_all_equal_shapes_and_dtypes(shape, jax.ShapeDtypeStruct((4,), jnp.int32))
+    assert_strongly_typed(shape)
 
 
 @every_scheme
 def test_new_values_do_not_recompile_and_types_are_stable(scheme):
-    traces = 0
-
-    @jax.jit
-    def step(resampling, key, log_weights):
-        nonlocal traces
-        traces += 1
-        return resampling(key, log_weights)
-
+    step = jit_once(lambda resampling, key, log_weights: resampling(key, log_weights))
     log_weights = jnp.array([0.0, -5.0, -5.0], jnp.float32)
     outcomes = set()
     for threshold in (0.1, 0.5, 2.0):
@@ -232,5 +228,4 @@ def test_new_values_do_not_recompile_and_types_are_stable(scheme):
         again = step(AdaptiveResampling(scheme, threshold), jax.random.key(1), outcome.log_weights)
         assert np.isfinite(again.ess)
         outcomes.add(bool(outcome.resampled))
-    assert traces == 1
     assert outcomes == {True, False}

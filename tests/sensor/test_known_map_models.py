@@ -1,30 +1,22 @@
 """Sensor models on known maps: values by hand, rotated maps, beam skipping."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.core.types import LidarScan
 from jaxslam.grid.known_map import KnownMap
 from jaxslam.localization import BeamSkipping
 from jaxslam.sensor import LikelihoodField, Nav2Field
 from jaxslam.sensor.beam import Beam
-from tests.localization.worlds import room
+from tests import builders
+from tests.builders import room
 
 YES, NO = jnp.asarray(True), jnp.asarray(False)
-
-
-def scan_of(ranges, angles_from=-np.pi / 2, step=np.pi / 2, lidar=(0.0, 0.0, 0.0)):
-    """Beams to the right, ahead and to the left unless said otherwise; 0 is no return."""
-    ranges = jnp.asarray(ranges, jnp.float32)
-    return LidarScan(
-        ranges=ranges,
-        valid=ranges > 0,
-        angle_min=jnp.float32(angles_from),
-        angle_increment=jnp.float32(step),
-        pose_base_lidar=jnp.asarray(lidar, jnp.float32),
-    )
+# Beams to the right, ahead and to the left unless said otherwise.
+scan_of = functools.partial(builders.scan_of, angle_min=-np.pi / 2, increment=np.pi / 2)
 
 
 def field_model(**settings):
@@ -74,7 +66,7 @@ def test_cubes_by_hand():
 def test_map_and_robot_moved_together_change_nothing(origin, model):
     from jaxslam.core import se2
 
-    scan = scan_of([0.9, 2.2, 1.1], lidar=(0.1, -0.05, 0.2))
+    scan = scan_of([0.9, 2.2, 1.1], mounting=(0.1, -0.05, 0.2))
     here = log_likelihood(model, KnownMap.from_map(room()), scan, POSE)
     moved = se2.compose(jnp.asarray(origin, jnp.float32), jnp.asarray(POSE, jnp.float32))
     there = log_likelihood(model, KnownMap.from_map(room(origin=origin)), scan, moved)
@@ -108,7 +100,7 @@ def test_a_scan_without_a_return_says_nothing():
 def test_more_beams_do_not_make_a_scan_say_more():
     known = KnownMap.from_map(room())
     angles = np.linspace(-0.2, 0.2, 61)
-    scan = scan_of(np.full(61, 2.0), angles[0], angles[1] - angles[0])
+    scan = scan_of(np.full(61, 2.0), angle_min=angles[0], increment=angles[1] - angles[0])
     few, many = (
         log_likelihood(field_model(max_beams=n, independent_beams=5.0), known, scan, POSE) for n in (5, 61)
     )
@@ -132,8 +124,8 @@ def test_beams_that_are_not_looked_at_are_not_counted():
 def test_a_lidar_off_the_center_sees_from_where_it_is(model):
     """Half a meter ahead on the robot and turned left: its beam ahead is one to the robot's left."""
     known = KnownMap.from_map(room())
-    mounted = scan_of([1.5], angles_from=0.0, lidar=(0.5, 0.0, np.pi / 2))
-    there = scan_of([1.5], angles_from=0.0)
+    mounted = scan_of([1.5], angle_min=0.0, mounting=(0.5, 0.0, np.pi / 2))
+    there = scan_of([1.5], angle_min=0.0)
     expected = log_likelihood(model, known, there, (POSE[0] + 0.5, POSE[1], np.pi / 2))
     assert log_likelihood(model, known, mounted, POSE) == pytest.approx(expected, abs=1e-4)
     elsewhere = log_likelihood(model, known, mounted, (*POSE[:2], -np.pi / 2))
@@ -166,7 +158,7 @@ def test_the_sum_over_beams_is_that_of_single_look_ups():
     known = KnownMap.from_map(room())
     model = field_model(independent_beams=7.0)
     table = np.asarray(model.prepare(known).values).reshape(8, 10)
-    scan = scan_of(np.linspace(0.2, 3.0, 7), -1.5, 0.5)
+    scan = scan_of(np.linspace(0.2, 3.0, 7), angle_min=-1.5, increment=0.5)
     poses = np.random.default_rng(0).uniform([0.6, 0.6, -3], [3.4, 2.4, 3], (50, 3)).astype(np.float32)
     found = jax.jit(lambda p: model.log_prob_all(model.prepare(known), scan, p))(poses)
     angles = poses[:, 2:] + (-1.5 + 0.5 * np.arange(7))

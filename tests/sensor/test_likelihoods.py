@@ -1,34 +1,26 @@
 """Likelihoods computed by hand on 5 × 5 maps, and the same with the map moved and turned."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.core.types import LidarScan
-from jaxslam.grid import field_of_map
 from jaxslam.sensor import Beam, Endpoint, LikelihoodField
+from tests import builders
 
-prepare = jax.jit(field_of_map, static_argnums=3)
+# A beam ahead and one to the left.
+scan_of = functools.partial(builders.scan_of, increment=np.pi / 2)
 POSE = (0.25, 0.25, 0.0)
 
 
-def field_of(cells, origin=(0.0, 0.0), resolution=0.1):
+def field_of(cells, origin=(0.0, 0.0)):
     """A 5 × 5 map with the (row, column) cells occupied."""
     occupied = np.zeros((5, 5), bool)
     for row, column in cells:
         occupied[row, column] = True
-    return prepare(jnp.asarray(occupied), jnp.asarray(origin, jnp.float32), jnp.float32(resolution), 3)
-
-
-def scan_of(ranges, angle_min=0.0, increment=np.pi / 2, mounting=(0.0, 0.0, 0.0)) -> LidarScan:
-    return LidarScan(
-        ranges=jnp.asarray(ranges, jnp.float32),
-        valid=jnp.asarray(np.asarray(ranges) > 0),
-        angle_min=jnp.float32(angle_min),
-        angle_increment=jnp.float32(increment),
-        pose_base_lidar=jnp.asarray(mounting, jnp.float32),
-    )
+    return builders.field_of(occupied, origin, radius=3)
 
 
 @jax.jit

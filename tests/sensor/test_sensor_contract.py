@@ -2,6 +2,7 @@
 
 import functools
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,8 +11,9 @@ import pytest
 import jaxslam.sensor
 from jaxslam.core import se2
 from jaxslam.core.types import LidarScan
-from jaxslam.grid import field_of_map
 from jaxslam.sensor import AbstractSensorModel, Beam, Endpoint, LikelihoodField, Nav2Field
+from tests.builders import field_of, scan_of
+from tests.checks import assert_strongly_typed, jit_once
 
 MODELS = {
     "likelihood field": LikelihoodField(max_beams=20),
@@ -49,19 +51,12 @@ def scan() -> LidarScan:
     angles = -np.pi + 2 * np.pi / NUM_BEAMS * np.arange(NUM_BEAMS)
     ranges = [walk_out(room(), lidar[:2], lidar[2] + angle) for angle in angles]
     valid = np.arange(NUM_BEAMS) % 7 != 3
-    return LidarScan(
-        ranges=jnp.asarray(np.where(valid, ranges, 0.0), jnp.float32),
-        valid=jnp.asarray(valid),
-        angle_min=jnp.float32(-np.pi),
-        angle_increment=jnp.float32(2 * np.pi / NUM_BEAMS),
-        pose_base_lidar=jnp.asarray(MOUNTING, jnp.float32),
-    )
+    return scan_of(np.where(valid, ranges, 0.0), valid, angle_min=-np.pi, mounting=MOUNTING)
 
 
 @functools.cache
 def field():
-    prepare = jax.jit(field_of_map, static_argnums=3)
-    return prepare(jnp.asarray(room()), jnp.asarray([-2.3, -1.8], jnp.float32), jnp.float32(RESOLUTION), 6)
+    return field_of(room(), (-2.3, -1.8), RESOLUTION)
 
 
 @jax.jit
@@ -98,22 +93,15 @@ def test_jit_and_vmap_change_nothing(model):
 @every_model
 def test_output_is_a_strongly_typed_scalar(model):
     output = jax.eval_shape(model.log_prob, field(), scan(), TRUE_POSE)
-    assert (output.shape, output.dtype, output.weak_type) == ((), jnp.float32, False)
+    chex.assert_trees_all_equal_shapes_and_dtypes(output, jax.ShapeDtypeStruct((), jnp.float32))
+    assert_strongly_typed(output)
 
 
 @every_model
 def test_new_parameter_values_do_not_recompile(model):
-    traces = 0
-
-    @jax.jit
-    def run(model, pose):
-        nonlocal traces
-        traces += 1
-        return model.log_prob(field(), scan(), pose)
-
+    run = jit_once(lambda model, pose: model.log_prob(field(), scan(), pose))
     first = run(model, TRUE_POSE + 0.1)
     again = run(jax.tree.map(lambda value: value * 1.5, model), TRUE_POSE + 0.1)
-    assert traces == 1
     assert float(first) != float(again)
 
 
@@ -136,8 +124,7 @@ def test_only_valid_beams_count(model):
 
 @every_model
 def test_moving_map_and_pose_together_changes_nothing(model):
-    corner = jnp.asarray([-2.3 + 5.0, -1.8 - 7.0], jnp.float32)
-    moved = jax.jit(field_of_map, static_argnums=3)(jnp.asarray(room()), corner, jnp.float32(RESOLUTION), 6)
+    moved = field_of(room(), (-2.3 + 5.0, -1.8 - 7.0), RESOLUTION)
     shift = jnp.asarray([5.0, -7.0, 0.0], jnp.float32)
     # Offsets at which no end point lies within float32 of a cell's edge.
     for offset in (0.013, -0.047, 0.081):

@@ -1,9 +1,9 @@
 """`run_if`: a branch for the batch as a whole."""
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from jaxslam.xla.control_flow import run_if
 
@@ -12,13 +12,13 @@ def double(value):
     return jax.tree.map(lambda leaf: 2 * leaf, value)
 
 
-@pytest.mark.parametrize("predicate", [True, False])
-def test_one_member(predicate):
-    operand = {"a": jnp.arange(3.0), "b": jnp.int32(5)}
-    result = jax.jit(lambda p, x: run_if(p, double, x))(jnp.asarray(predicate), operand)
-    factor = 2 if predicate else 1
-    np.testing.assert_array_equal(result["a"], factor * np.arange(3.0))
-    assert int(result["b"]) == factor * 5
+class RunIfTest(chex.TestCase):
+    @chex.variants(with_jit=True, without_jit=True)
+    def test_one_member(self):
+        operand = {"a": jnp.arange(3.0), "b": jnp.int32(5)}
+        run = self.variant(lambda p, x: run_if(p, double, x))
+        chex.assert_trees_all_equal(run(jnp.asarray(True), operand), double(operand), strict=True)
+        chex.assert_trees_all_equal(run(jnp.asarray(False), operand), operand, strict=True)
 
 
 def test_members_of_a_batch_choose_for_themselves():

@@ -1,22 +1,27 @@
 """`materialize` changes when a table is computed, and nothing else."""
 
+import functools
+
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxslam.xla.materialize import materialize
+from tests.checks import assert_strongly_typed
 
 
 def table_of(values):
     return jnp.cumsum(jnp.sin(values))
 
 
-def test_it_returns_what_the_function_returns():
-    values = jnp.linspace(0.0, 3.0, 50)
-    found = materialize(table_of, values)
-    np.testing.assert_allclose(found, table_of(values), rtol=1e-6)
-    assert not found.weak_type
-    np.testing.assert_array_equal(jax.jit(lambda v: materialize(table_of, v))(values), found)
+class MaterializeTest(chex.TestCase):
+    @chex.variants(with_jit=True, without_jit=True)
+    def test_it_returns_what_the_function_returns(self):
+        values = jnp.linspace(0.0, 3.0, 50)
+        found = self.variant(functools.partial(materialize, table_of))(values)
+        np.testing.assert_allclose(found, table_of(values), rtol=1e-6)
+        assert_strongly_typed(found)
 
 
 def test_types_and_pytrees_pass_through():

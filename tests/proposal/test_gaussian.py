@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from jaxslam.core import se2
-from jaxslam.core.types import LidarScan, OdometryIncrement
-from jaxslam.grid import field_of_map
 from jaxslam.lidar.beams import scan_points
 from jaxslam.motion import OdometryMotion
 from jaxslam.proposal import GaussianProposal, MatchedProposal, ProposalContext
 from jaxslam.sensor import LikelihoodField
+from tests.builders import field_of, inputs_of
 
 NUM_BEAMS = 60
 SENSOR = LikelihoodField(sigma_hit=0.05, independent_beams=20.0, max_beams=NUM_BEAMS)
@@ -27,8 +26,7 @@ def corridor():
     """Two walls along x, 1.5 m apart and 20 m long, without a feature; the middle is the origin."""
     occupied = np.zeros((61, 401), bool)
     occupied[[15, 45], :] = True
-    corner = jnp.asarray([-10.025, -1.525], jnp.float32)
-    return jax.jit(field_of_map, static_argnums=3)(jnp.asarray(occupied), corner, jnp.float32(0.05), 6)
+    return field_of(occupied, (-10.025, -1.525), 0.05)
 
 
 FIELD = corridor()
@@ -39,16 +37,8 @@ def context():
     angles = 2 * np.pi / NUM_BEAMS * np.arange(NUM_BEAMS)
     with np.errstate(divide="ignore"):
         ranges = np.abs(0.75 / np.sin(angles))
-    valid = ranges < 4.0
-    scan = LidarScan(
-        jnp.asarray(np.where(valid, ranges, 0.0), jnp.float32),
-        jnp.asarray(valid),
-        jnp.float32(0.0),
-        jnp.float32(2 * np.pi / NUM_BEAMS),
-        jnp.zeros(3, jnp.float32),
-    )
-    odometry = OdometryIncrement(jnp.asarray(DELTA), jnp.zeros((3, 3)), jnp.float32(0.5))
-    return ProposalContext(odometry, scan, FIELD, MOTION, SENSOR)
+    inputs = inputs_of(DELTA, np.where(ranges < 4.0, ranges, 0.0))
+    return ProposalContext(inputs.odometry, inputs.scan, FIELD, MOTION, SENSOR)
 
 
 @jax.jit

@@ -1,14 +1,11 @@
 """The field of a whole map against SciPy's distance transform, up to the edges and beyond."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
-from jaxslam.grid import field_of_map
-
-field_of_map_jit = jax.jit(field_of_map, static_argnums=3)
+from tests.builders import field_of
 
 
 @pytest.mark.parametrize(("shape", "radius"), [((1, 1), 4), ((5, 9), 10), ((31, 18), 1), ((31, 18), 10)])
@@ -17,9 +14,7 @@ def test_distances_are_exact_everywhere_even_off_the_map(shape, radius):
     occupied = random.random(shape) < 0.1
     occupied[0, 0] = occupied[-1, -1] = True
     resolution, origin = 0.1, np.array([-3.0, 12.0])
-    field = field_of_map_jit(
-        jnp.asarray(occupied), jnp.asarray(origin, jnp.float32), jnp.float32(resolution), radius
-    )
+    field = field_of(occupied, origin, resolution, radius)
     assert field.fine.radius == radius
 
     around = 15
@@ -34,7 +29,7 @@ def test_distances_are_exact_everywhere_even_off_the_map(shape, radius):
 def test_coarse_level_sees_every_obstacle():
     occupied = np.zeros((13, 22), bool)
     occupied[0, 0] = occupied[12, 21] = occupied[6, 10] = True
-    field = field_of_map_jit(jnp.asarray(occupied), jnp.zeros(2, jnp.float32), jnp.float32(1.0), 5)
+    field = field_of(occupied, resolution=1.0, radius=5)
     centers = np.argwhere(occupied)[:, ::-1] + 0.5
     squared = field.coarse.squared_distance(jnp.asarray(centers, jnp.float32))
     # At most half a coarse diagonal is lost, so the obstacle's own or a neighboring cell is marked.
@@ -45,4 +40,4 @@ def test_coarse_level_sees_every_obstacle():
 
 def test_radius_out_of_bounds_is_refused():
     with pytest.raises(ValueError, match="radius is 11 cells: choose 1 to 10"):
-        field_of_map(jnp.zeros((4, 4), bool), jnp.zeros(2, jnp.float32), jnp.float32(0.1), 11)
+        field_of(np.zeros((4, 4), bool), radius=11)

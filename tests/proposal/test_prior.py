@@ -4,9 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.core.types import OdometryIncrement
 from jaxslam.motion import GaussianMotion
 from jaxslam.proposal.prior import PriorTrust
+from tests.builders import odometry_of
 
 TRUST = PriorTrust(translation=1.0, rotation=1.0, least_translation=0.02, least_rotation=0.01)
 TINY = GaussianMotion(translation_floor=1e-4, rotation_floor=1e-4)
@@ -14,7 +14,7 @@ TINY = GaussianMotion(translation_floor=1e-4, rotation_floor=1e-4)
 
 def deviations(covariance, heading=0.0, trust=TRUST):
     """Standard deviations along the robot, across it and in heading that the prior has."""
-    odometry = OdometryIncrement(jnp.zeros(3), jnp.asarray(covariance, jnp.float32), jnp.float32(1.0))
+    odometry = odometry_of(np.zeros(3), covariance)
     prior = trust.around(TINY, odometry, jnp.asarray([1.0, 2.0, heading], jnp.float32))
     turn = np.array(
         [[np.cos(heading), -np.sin(heading), 0], [np.sin(heading), np.cos(heading), 0], [0, 0, 1]]

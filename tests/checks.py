@@ -1,0 +1,18 @@
+"""Checks that many tests share, on top of those of chex."""
+
+import chex
+import jax
+
+
+def jit_once(function):
+    """Compile a function such that a second trace of it raises an `AssertionError`.
+
+    chex counts the traces of all cases of a parametrized test together: the count starts anew here.
+    """
+    chex.clear_trace_counter()
+    return jax.jit(chex.assert_max_traces(function, n=1))
+
+
+def assert_strongly_typed(tree) -> None:
+    """Assert that no leaf has a weak type, which chex does not look at and a carry must not have."""
+    assert not any(leaf.weak_type for leaf in jax.tree.leaves(tree)), tree

@@ -143,6 +143,4 @@ def _vertex(
 
 
 def _correlation(one: Float64[np.ndarray, "P"], other: Float64[np.ndarray, "P"]) -> float:
-    one, other = one - one.mean(), other - other.mean()
-    scale = np.sqrt(np.sum(one * one) * np.sum(other * other))
-    return float(np.sum(one * other) / scale) if scale > 0 else 0.0
+    return float(np.corrcoef(one, other)[0, 1]) if np.ptp(one) > 0 and np.ptp(other) > 0 else 0.0

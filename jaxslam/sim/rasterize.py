@@ -2,6 +2,7 @@
 
 import numpy as np
 from jaxtyping import Array, Bool, Float, Float64, Int
+from scipy import ndimage
 
 from jaxslam.grid.spec import GridSpec
 from jaxslam.sim.worlds.world import World
@@ -52,18 +53,8 @@ def reachable(
         raise ValueError(
             f"start {list(map(float, start))} lies on an occupied cell: give a start in free space"
         )
-    # A closed border spares every look at a neighbor the question whether there is one.
-    blocked = np.pad(occupied, 1, constant_values=True)
-    found = np.zeros_like(blocked)
-    found[row + 1, column + 1] = True
-    stride = width + 2
-    closed, reached = blocked.reshape(-1), found.reshape(-1)
-    frontier = np.flatnonzero(found)
-    while frontier.size:
-        neighbors = np.concatenate([frontier + step for step in (1, -1, stride, -stride)])
-        frontier = np.unique(neighbors[~(closed | reached)[neighbors]])
-        reached[frontier] = True
-    return found[1:-1, 1:-1]
+    regions, _ = ndimage.label(~occupied)
+    return regions == regions[row, column]
 
 
 def observable(
@@ -85,12 +76,7 @@ def observable(
     """
     occupied = rasterize(world, spec)
     free = reachable(occupied, spec, start)
-    padded = np.pad(free, 1)
-    beside = np.zeros_like(free)
-    for row in range(3):
-        for column in range(3):
-            beside |= padded[row : row + spec.height, column : column + spec.width]
-    return occupied & beside, free
+    return occupied & ndimage.binary_dilation(free, np.ones((3, 3))), free
 
 
 def _cells_crossed(start: Float64[np.ndarray, "2"], end: Float64[np.ndarray, "2"]) -> Int[np.ndarray, "_ 2"]:

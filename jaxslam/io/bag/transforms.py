@@ -19,16 +19,13 @@ def transform_matrix(
     Raises:
         ValueError: the quaternion is zero or something is not finite.
     """
+    from scipy.spatial.transform import Rotation  # Slow to import, and only bags need it.
+
     norm = float(np.linalg.norm(quaternion))
     if not np.isfinite(translation).all() or not np.isfinite(norm) or norm < 1e-6:
         raise ValueError(f"no rigid transform: translation {translation}, quaternion {quaternion}")
-    x, y, z, w = quaternion / norm
     matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
+    matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
     matrix[:3, 3] = translation
     return matrix
 

@@ -8,9 +8,7 @@ not settings.
 
 import dataclasses
 import difflib
-import inspect
 import math
-import re
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
@@ -30,7 +28,7 @@ def flatten(tree: object) -> dict[str, Scalar]:
 
 def descriptions(tree: object) -> dict[str, str]:
     """What each scalar means, from the `Attributes:` of the docstrings; empty where they do not say."""
-    return {name: text for name, _, text in _walk(tree, "")}
+    return {name: text for name, _, text in _walk(tree, "", explain=True)}
 
 
 def update(tree: Tree, changes: Mapping[str, object], *, exact: bool = False) -> Tree:
@@ -89,9 +87,9 @@ def parse_scalar(text: str) -> Scalar:
 
 
 def _walk(
-    tree: object, prefix: str, declared: object = None, *, fill: bool = False
+    tree: object, prefix: str, declared: object = None, *, fill: bool = False, explain: bool = False
 ) -> Iterator[tuple[str, Scalar, str]]:
-    meanings = _attributes(type(tree))
+    meanings = _attributes(type(tree)) if explain else {}
     # A part that is declared as one class is no choice, though others could be in the place of such a one.
     if declared in VARIANTS:
         yield prefix + KIND, kind(tree), f"one of {', '.join(choices(tree))}"
@@ -106,7 +104,7 @@ def _walk(
         if value is None and fill:
             value = field.metadata.get(UNSET)
         if dataclasses.is_dataclass(value):
-            yield from _walk(value, f"{prefix}{field.name}.", field.type, fill=fill)
+            yield from _walk(value, f"{prefix}{field.name}.", field.type, fill=fill, explain=explain)
 
 
 def _is_scalar(value: object) -> bool:
@@ -118,21 +116,14 @@ def _plain(value: Any, annotation: object) -> Scalar:
 
 
 def _attributes(class_: type) -> dict[str, str]:
-    """The `Attributes:` section of a Google-style docstring, one line of text per name."""
-    lines = (inspect.getdoc(class_) or "").splitlines()
-    if "Attributes:" not in lines:
-        return {}
-    found: dict[str, str] = {}
-    names: list[str] = []
-    for line in lines[lines.index("Attributes:") + 1 :]:
-        if line and not line.startswith(" "):
-            break
-        entry = re.match(r" {4}(\w+(?:, \w+)*): (.*)", line)
-        names = entry[1].split(", ") if entry else names
-        for name in names:
-            text = entry[2] if entry else line.strip()
-            found[name] = f"{found.get(name, '')} {text}".strip()
-    return found
+    """Return the `Attributes:` section of a Google-style docstring, one line of text per name."""
+    from docstring_parser.google import parse  # With the command-line extra only.
+
+    return {
+        name: " ".join((entry.description or "").split())
+        for entry in parse(class_.__doc__ or "").params
+        for name in entry.arg_name.split(", ")
+    }
 
 
 def _choice(tree: object, name: str, exact: bool) -> str | None:

@@ -1,39 +1,37 @@
 """Configurations as TOML files that explain themselves."""
 
-import json
 import textwrap
 import tomllib
 from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import Any
 
 from equinox import Module
 
-from jaxslam.config.dotted import KIND, Scalar, Tree, descriptions, flatten, update
+from jaxslam.config.dotted import KIND, Tree, descriptions, flatten, update
 from jaxslam.config.slam import SlamConfig
 
 
-def dumps(configuration: Module, *, without: str | None = None) -> str:
-    """Every setting as TOML text, each under a comment with its meaning and unit.
+def dumps(configuration: Module) -> str:
+    """Return every setting as TOML text, each under a comment with its meaning and unit."""
+    import tomlkit  # With the command-line extra only.
 
-    Args:
-        configuration: what is written.
-        without: a table that is left out, or None.
-    """
+    document = tomlkit.document()
     meanings = descriptions(configuration)
-    lines: list[str] = []
-    table = ""
     for name, value in flatten(configuration).items():
-        parent, _, key = name.rpartition(".")
-        if without is not None and parent == without:
-            continue
-        if parent != table:
-            table = parent
-            lines += ["", f"[{table}]"]
-        # What is static is of no concern to who writes the file.
+        *parents, key = name.split(".")
+        table: Any = document
+        for parent in parents:
+            if parent not in table:
+                table.add(tomlkit.nl())
+                table.add(parent, tomlkit.table())
+            table = table[parent]
+        # Whether a setting is static does not matter to the author of a file.
         meaning = meanings[name].replace(" (static)", "").replace("(static, ", "(")
-        lines += textwrap.wrap(meaning, 100, initial_indent="# ", subsequent_indent="# ")
-        lines.append(f"{key} = {_literal(value)}")
-    return "\n".join(lines) + "\n"
+        for line in textwrap.wrap(meaning, 98):
+            table.add(tomlkit.comment(line))
+        table.add(key, value)
+    return tomlkit.dumps(document)
 
 
 def save(path: str | Path, configuration: Module) -> None:
@@ -94,10 +92,3 @@ def apply(path: str | Path, values: Mapping[str, object], base: Tree) -> Tree:
         return update(base, values, exact=True)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-
-
-def _literal(value: Scalar) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    # A JSON string without surrogates is a TOML basic string.
-    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)

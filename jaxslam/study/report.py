@@ -1,5 +1,6 @@
 """What a study found: tables, importances, pictures, and the best configurations as files."""
 
+import dataclasses
 import json
 import warnings
 from collections.abc import Callable, Sequence
@@ -170,7 +171,7 @@ def write_configuration(path: Path, plan: dict[str, Any], settings: dict[str, Sc
     start = starting_with(plan["sources"][0]["lidar"])
     configuration = with_settings(with_settings(start, plan["base"]), settings)
     tuned_lidar = any(name.startswith("lidar.") for name in {**plan["base"], **settings})
-    path.write_text(toml.dumps(configuration, without=None if tuned_lidar else "lidar"), encoding="utf-8")
+    toml.save(path, configuration if tuned_lidar else dataclasses.replace(configuration, lidar=None))
 
 
 def draw(folder: Path, summary: Summary) -> None:

@@ -95,7 +95,7 @@ def write_map(
     pixels[occupied] = _OCCUPIED_PIXEL
     pixels[free] = _FREE_PIXEL
     image = path.with_suffix(".pgm")
-    image.write_bytes(b"P5\n%d %d\n255\n" % pixels.shape[::-1] + pixels[::-1].tobytes())
+    image.write_bytes(f"P5\n{len(pixels[0])} {len(pixels)}\n255\n".encode() + pixels[::-1].tobytes())
     path.write_text(
         f"image: {_yaml_string(image.name)}\n"
         "mode: trinary\n"

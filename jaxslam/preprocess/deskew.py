@@ -79,7 +79,7 @@ def sweep_timing(log: SensorLog, turn_time: float, max_lag: float) -> SweepTimin
     return SweepTiming(middle if lag is None else lag.seconds, increment, lag)
 
 
-def at_rest(log: SensorLog, timing: SweepTiming) -> SensorLog:
+def deskew(log: SensorLog, timing: SweepTiming) -> SensorLog:
     """The log with every scan as a lidar at rest at its stamp would have taken it.
 
     Between two end points on one wall the range is that of the line through them; elsewhere that of the

@@ -6,7 +6,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from jaxslam.io.log import SensorLog
-from jaxslam.preprocess.deskew import SweepTiming, at_rest, sweep_timing
+from jaxslam.preprocess.deskew import SweepTiming, deskew, sweep_timing
 
 
 @runtime_checkable
@@ -32,7 +32,7 @@ def correct_scans(log: SensorLog, lidar: LidarRanges) -> tuple[SensorLog, SweepT
     """
     log = _within_range(log, lidar)
     timing = sweep_timing(log, float(lidar.turn_time), float(lidar.max_lag))
-    return (log if timing is None else at_rest(log, timing)), timing
+    return (log if timing is None else deskew(log, timing)), timing
 
 
 def _within_range(log: SensorLog, lidar: LidarRanges) -> SensorLog:

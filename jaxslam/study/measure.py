@@ -38,7 +38,7 @@ class TrialError(ValueError):
 
 
 @dataclass(frozen=True)
-class Loaded:
+class LoadedSource:
     """A source in memory.
 
     Attributes:
@@ -56,7 +56,7 @@ class Loaded:
     world: World | None = None
 
 
-def load(source: Source) -> Loaded:
+def load(source: Source) -> LoadedSource:
     """Reads a log, or drives through a world; once, whatever lidar it is said to have.
 
     Raises:
@@ -68,7 +68,7 @@ def load(source: Source) -> Loaded:
 
 
 @functools.lru_cache(maxsize=16)
-def _loaded(source: Source) -> Loaded:
+def _loaded(source: Source) -> LoadedSource:
     if source.world is not None:
         world, waypoints = make_world(source.world)
         # Another key than the filters', which know nothing of the simulator's noise.
@@ -77,13 +77,13 @@ def _loaded(source: Source) -> Loaded:
         log = to_log(simulation, source.name, in_world_frame=True)
         assert log.scans is not None
         truth = np.asarray(simulation.scan_poses, np.float64)
-        return Loaded(log, "sick", (log.scans.stamps, truth), world=world)
+        return LoadedSource(log, "sick", (log.scans.stamps, truth), world=world)
     assert source.log is not None
     log = read_log(source.log)
     if source.duration is not None:
         log = log.between(0.0, source.duration)
     lidar = detect_lidar(log)
-    return Loaded(
+    return LoadedSource(
         log,
         lidar.name if lidar.name in PRESETS else lidar,
         None if source.reference is None else read_tum(Path(source.reference)),
@@ -150,7 +150,7 @@ def measure(
 
 
 def _prepared(
-    plan: Plan, source: Source, loaded: Loaded, settings: Mapping[str, Scalar]
+    plan: Plan, source: Source, loaded: LoadedSource, settings: Mapping[str, Scalar]
 ) -> tuple[RBPF, PreparedScans, tuple[Any, ...]]:
     """The filter, its scans, and all that the scans depend on."""
     configuration = plan.configuration(settings, loaded.lidar)
@@ -163,7 +163,7 @@ def _prepared(
 
 
 def _figures(
-    loaded: Loaded, slam: RBPF, scans: PreparedScans, result: ManyResult, row: int
+    loaded: LoadedSource, slam: RBPF, scans: PreparedScans, result: ManyResult, row: int
 ) -> Figures | TrialError:
     lost = int(result.left_map[row].sum())
     if lost:
@@ -180,7 +180,9 @@ def _figures(
     )
 
 
-def _errors(loaded: Loaded, inputs: PreparedScans, poses: Float64[np.ndarray, "S 3"]) -> tuple[float, float]:
+def _errors(
+    loaded: LoadedSource, inputs: PreparedScans, poses: Float64[np.ndarray, "S 3"]
+) -> tuple[float, float]:
     """Meters and degrees of the poses at all scans; NaN for a source that has nothing to be measured by."""
     log = loaded.log
     assert log.odometry is not None
@@ -194,7 +196,7 @@ def _errors(loaded: Loaded, inputs: PreparedScans, poses: Float64[np.ndarray, "S
 
 
 def _map_losses(
-    loaded: Loaded, grid: GridSpec, log_odds: Int8[np.ndarray, "C S H W"] | None, row: int
+    loaded: LoadedSource, grid: GridSpec, log_odds: Int8[np.ndarray, "C S H W"] | None, row: int
 ) -> Float64[np.ndarray, "S"]:
     """One minus the IoU of the walls, by seed; empty if no map was kept, as none is for a log."""
     if loaded.world is None or log_odds is None:

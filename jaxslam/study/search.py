@@ -24,7 +24,7 @@ HOPELESS = 5
 
 
 @dataclass(frozen=True)
-class Told:
+class TrialResult:
     """A trial that came to an end.
 
     Attributes:
@@ -74,7 +74,7 @@ def with_few_programs(plan: Plan) -> Plan:
     return dataclasses.replace(plan, space=plan.space.with_steps(is_size))
 
 
-def run_trials(plan: Plan, url: str, on_trial: Callable[[Store, Told], None]) -> Store:
+def run_trials(plan: Plan, url: str, on_trial: Callable[[Store, TrialResult], None]) -> Store:
     """Goes on until the study has as many finished trials as the plan asks for.
 
     Raises:
@@ -91,7 +91,7 @@ def run_trials(plan: Plan, url: str, on_trial: Callable[[Store, Told], None]) ->
     return store
 
 
-def run_batch(plan: Plan, store: Store, count: int, interrupts: Interrupts) -> list[Told]:
+def run_batch(plan: Plan, store: Store, count: int, interrupts: Interrupts) -> list[TrialResult]:
     """Asks for so many trials, runs those of one program together, and tells each when all are done.
 
     Args:
@@ -100,7 +100,7 @@ def run_batch(plan: Plan, store: Store, count: int, interrupts: Interrupts) -> l
         count: how many trials.
         interrupts: let through while they run; then they are lost.
     """
-    store.give_up_lost()
+    store.fail_stale_trials()
     started = time.perf_counter()
     trials = store.ask(count)
     try:
@@ -116,7 +116,7 @@ def run_batch(plan: Plan, store: Store, count: int, interrupts: Interrupts) -> l
         raise
     seconds = time.perf_counter() - started
     return [
-        Told(trial.number, tried, outcome if isinstance(outcome, str) else tuple(outcome), seconds)
+        TrialResult(trial.number, tried, outcome if isinstance(outcome, str) else tuple(outcome), seconds)
         for trial, tried, outcome in zip(trials, settings, outcomes, strict=True)
     ]
 

@@ -34,7 +34,7 @@ def storage_url(storage: str) -> str:
     return sqlalchemy.URL.create("sqlite", database=str(Path(storage).resolve())).render_as_string()
 
 
-def shown(url: str) -> str:
+def redact_url(url: str) -> str:
     """A URL for messages: without the password in it, and a SQLite file as its path."""
     try:
         parts = sqlalchemy.make_url(url)
@@ -68,7 +68,7 @@ class Store:
         """
         return [trial for trial in self.trials() if trial.state == TrialState.COMPLETE or failure(trial)]
 
-    def give_up_lost(self) -> None:
+    def fail_stale_trials(self) -> None:
         """Marks the trials of which nothing was heard any more as failed."""
         with _known_warnings():
             optuna.storages.fail_stale_trials(self.study)
@@ -137,7 +137,7 @@ def connect(url: str) -> RDBStorage:
     # Workers wait for each other's writes.
     arguments = {"timeout": 60} if url.startswith("sqlite") else {}
     # Without its driver, and with the tables of another version of Optuna.
-    with complaints(url, ImportError, RuntimeError), _known_warnings():
+    with storage_errors(url, ImportError, RuntimeError), _known_warnings():
         for _ in range(_ATTEMPTS):
             try:
                 return RDBStorage(
@@ -155,13 +155,13 @@ def connect(url: str) -> RDBStorage:
 
 
 @contextmanager
-def complaints(url: str, *more: type[Exception]) -> Iterator[None]:
+def storage_errors(url: str, *more: type[Exception]) -> Iterator[None]:
     """What a storage complains of, and `more`, as a `ValueError` of one line."""
     caught: tuple[type[Exception], ...] = (sqlalchemy.exc.SQLAlchemyError, StorageInternalError, *more)
     try:
         yield
     except caught as error:
-        raise ValueError(f"{shown(url)}: this storage cannot be used: {_reason(error)}") from None
+        raise ValueError(f"{redact_url(url)}: this storage cannot be used: {_reason(error)}") from None
 
 
 def open_study(plan: Plan, url: str) -> Store:
@@ -172,7 +172,7 @@ def open_study(plan: Plan, url: str) -> Store:
     """
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     storage = connect(url)
-    with complaints(url):
+    with storage_errors(url):
         study = optuna.create_study(
             storage=storage,
             sampler=_ByNumber(lambda number: _sampler(plan, number)),
@@ -182,11 +182,13 @@ def open_study(plan: Plan, url: str) -> Store:
         )
         before = study.user_attrs.get(_PLAN)
         if before is None and study.get_trials(deepcopy=False):
-            raise ValueError(f"{shown(url)}: its study {plan.name!r} is not one of jaxslam's: {_ELSEWHERE}")
+            raise ValueError(
+                f"{redact_url(url)}: its study {plan.name!r} is not one of jaxslam's: {_ELSEWHERE}"
+            )
         if before is not None and before != plan.described():
             raise ValueError(
-                f"{shown(url)} has a study {plan.name!r} whose logs, seeds, filter, space or objectives are "
-                f"others: {_ELSEWHERE}"
+                f"{redact_url(url)} has a study {plan.name!r} with other logs, seeds, filter, space or "
+                f"objectives: {_ELSEWHERE}"
             )
         if before is None:
             study.set_user_attr(_PLAN, plan.described())
@@ -199,7 +201,7 @@ def load_study(url: str, name: str | None) -> tuple[Store, dict[str, Any]]:
     Raises:
         ValueError: there is none, or not the one that was named, or several of which none was.
     """
-    with complaints(url, ImportError):
+    with storage_errors(url, ImportError):
         parts = sqlalchemy.make_url(url)
         is_file = parts.get_backend_name() == "sqlite" and parts.database and not parts.query
         if is_file and not Path(parts.database or "").exists():
@@ -212,15 +214,15 @@ def load_study(url: str, name: str | None) -> tuple[Store, dict[str, Any]]:
     storage = connect(url) if has_tables else None
     names = [] if storage is None else optuna.get_all_study_names(storage)
     if storage is None or not names:
-        raise ValueError(f"{shown(url)}: no study in it")
+        raise ValueError(f"{redact_url(url)}: no study in it")
     if name is None and len(names) > 1:
-        raise ValueError(f"{shown(url)} has several studies: give --name, one of {', '.join(names)}")
+        raise ValueError(f"{redact_url(url)} has several studies: give --name, one of {', '.join(names)}")
     if name is not None and name not in names:
-        raise ValueError(f"{shown(url)} has no study {name!r}: there are {', '.join(names)}")
+        raise ValueError(f"{redact_url(url)} has no study {name!r}: there are {', '.join(names)}")
     study = optuna.load_study(study_name=name or names[0], storage=storage)
     plan = study.user_attrs.get(_PLAN)
     if plan is None:
-        raise ValueError(f"{shown(url)}: the study {study.study_name!r} is not one of jaxslam's")
+        raise ValueError(f"{redact_url(url)}: the study {study.study_name!r} is not one of jaxslam's")
     return Store(study, storage), plan
 
 

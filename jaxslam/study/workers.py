@@ -15,8 +15,8 @@ from dask.distributed import Client, KilledWorker, Worker, WorkerPlugin, as_comp
 
 from jaxslam.study.interrupts import Interrupts
 from jaxslam.study.plan import Plan
-from jaxslam.study.search import Told, check_hope, keep_programs, run_batch
-from jaxslam.study.storage import Store, open_study, shown
+from jaxslam.study.search import TrialResult, check_hope, keep_programs, run_batch
+from jaxslam.study.storage import Store, open_study, redact_url
 from jaxslam.xla.sharding import cores
 
 CONNECT = 10
@@ -44,13 +44,13 @@ def check_cluster(cluster: str, url: str) -> None:
         and _host(cluster) not in ("localhost", "127.0.0.1", "::1")
     ):
         raise ValueError(
-            f"{shown(url)} is a file of this machine, which the workers of {cluster} cannot share: give "
+            f"{redact_url(url)} is a file of this machine, which the workers of {cluster} cannot share: give "
             "--storage a database that they reach, such as postgresql://user@host/studies"
         )
 
 
 def run_on_cluster(
-    plan: Plan, url: str, cluster: str, programs: Path, on_trial: Callable[[Store, Told], None]
+    plan: Plan, url: str, cluster: str, programs: Path, on_trial: Callable[[Store, TrialResult], None]
 ) -> Store:
     """As `run_trials`, on workers elsewhere.
 
@@ -81,7 +81,7 @@ def run_on_cluster(
 
 def _spread(
     client: Client, plan: Plan, url: str, left: int, programs: Path, interrupts: Interrupts
-) -> Iterator[Told]:
+) -> Iterator[TrialResult]:
     """So many trials, in batches, as they end."""
     counts = [min(plan.batch, left - first) for first in range(0, left, plan.batch)]
     futures = [
@@ -98,7 +98,7 @@ def _spread(
         client.cancel(futures)
 
 
-def _one_batch(plan: Plan, url: str, count: int, programs: str) -> list[Told]:
+def _one_batch(plan: Plan, url: str, count: int, programs: str) -> list[TrialResult]:
     with _ONE_AT_A_TIME:
         keep_programs(Path(programs))
         store = open_study(plan, url)
@@ -107,7 +107,7 @@ def _one_batch(plan: Plan, url: str, count: int, programs: str) -> list[Told]:
         return run_batch(plan, store, count, Interrupts()) if count > 0 else []
 
 
-def _result(future) -> list[Told]:
+def _result(future) -> list[TrialResult]:
     try:
         return future.result()
     except KilledWorker as error:

@@ -10,7 +10,7 @@ from jaxslam.io.bag import topics as kinds
 from jaxslam.io.bag.file import BagFile
 from jaxslam.io.bag.topics import choose_topic
 from jaxslam.io.bag.tracks import (
-    Timed,
+    TimedMessages,
     common_frame,
     fix_track,
     imu_track,
@@ -140,7 +140,7 @@ def _transforms(bag: BagFile, names: Iterable[str]) -> Iterable[Any]:
 def _assemble(
     path: Path,
     chosen: dict[str, str],
-    timed: dict[str, Timed],
+    timed: dict[str, TimedMessages],
     tree: TransformTree,
     warnings: list[str],
     counts: dict[str, int],

@@ -16,14 +16,14 @@ from jaxslam.io.ranges import clean_ranges
 from jaxslam.io.stamps import MAX_BACKWARD_S, backward_steps, sorting_order
 
 
-class Timed(NamedTuple):
+class TimedMessages(NamedTuple):
     """Message contents in the order of time with their stamps `[M]` in seconds."""
 
     stamps: Float64[np.ndarray, "M"]
     contents: list[Any]
 
 
-def in_order(path: Path, topic: str, messages: Sequence[BagMessage], warnings: list[str]) -> Timed:
+def in_order(path: Path, topic: str, messages: Sequence[BagMessage], warnings: list[str]) -> TimedMessages:
     """Stamps and sorts messages: by the header's stamp, or the time of receipt where it is zero.
 
     Args:
@@ -52,7 +52,7 @@ def in_order(path: Path, topic: str, messages: Sequence[BagMessage], warnings: l
             f"{topic}: {steps.num_backward} stamps run back by up to {steps.largest:.3f} s: sorted by time"
         )
     order = sorting_order(header)
-    return Timed(header[order], [messages[row].content for row in order])
+    return TimedMessages(header[order], [messages[row].content for row in order])
 
 
 def common_frame(contents: Sequence[Any], *, child: bool = False) -> str:
@@ -61,7 +61,7 @@ def common_frame(contents: Sequence[Any], *, child: bool = False) -> str:
     return names.most_common(1)[0][0].lstrip("/") if names else ""
 
 
-def odometry_track(timed: Timed, topic: str, warnings: list[str]) -> OdometryTrack | None:
+def odometry_track(timed: TimedMessages, topic: str, warnings: list[str]) -> OdometryTrack | None:
     """`nav_msgs/Odometry` in the plane; messages whose pose is not finite are dropped."""
     rows = np.array(
         [
@@ -84,7 +84,7 @@ def odometry_track(timed: Timed, topic: str, warnings: list[str]) -> OdometryTra
     return OdometryTrack(timed.stamps[good], poses[good], rows[good, 6:], topic)
 
 
-def imu_track(timed: Timed, topic: str, rotation: Float64[np.ndarray, "3 3"] | None) -> ImuTrack:
+def imu_track(timed: TimedMessages, topic: str, rotation: Float64[np.ndarray, "3 3"] | None) -> ImuTrack:
     """`sensor_msgs/Imu`; what a driver marks as absent (covariance −1, zero quaternion) is NaN."""
     orientations = np.array([_quaternion(m.orientation) for m in timed.contents])
     rates = np.array([_vector(m.angular_velocity) for m in timed.contents])
@@ -106,7 +106,7 @@ def imu_track(timed: Timed, topic: str, rotation: Float64[np.ndarray, "3 3"] | N
     return ImuTrack(timed.stamps, orientations, rates, accelerations, mounting, rotation is not None, topic)
 
 
-def joint_track(timed: Timed, topic: str) -> JointTrack:
+def joint_track(timed: TimedMessages, topic: str) -> JointTrack:
     """`sensor_msgs/JointState`; joints a message does not name are NaN in its row."""
     names = tuple(dict.fromkeys(name for m in timed.contents for name in m.name))
     columns = {name: column for column, name in enumerate(names)}
@@ -118,7 +118,7 @@ def joint_track(timed: Timed, topic: str) -> JointTrack:
     return JointTrack(timed.stamps, names, tracks[0], tracks[1], topic)
 
 
-def fix_track(timed: Timed, topic: str, warnings: list[str]) -> FixTrack | None:
+def fix_track(timed: TimedMessages, topic: str, warnings: list[str]) -> FixTrack | None:
     """`sensor_msgs/NavSatFix`; messages without a fix are dropped."""
     positions = np.array([(m.latitude, m.longitude, m.altitude) for m in timed.contents])
     status = np.array([m.status.status for m in timed.contents])
@@ -128,7 +128,7 @@ def fix_track(timed: Timed, topic: str, warnings: list[str]) -> FixTrack | None:
 
 
 def scan_track(
-    timed: Timed, topic: str, mounting: PlanarMounting | None, warnings: list[str]
+    timed: TimedMessages, topic: str, mounting: PlanarMounting | None, warnings: list[str]
 ) -> ScanTrack | None:
     """`sensor_msgs/LaserScan` of any and changing numbers of beams.
 

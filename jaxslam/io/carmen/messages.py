@@ -24,7 +24,7 @@ _NO_POSE = (float("nan"),) * 3
 _STAMP_FIELDS = 3  # ipc stamp, host, logger stamp
 
 
-class Stamped(NamedTuple):
+class MessageStamps(NamedTuple):
     """The tail of every sensor message: `ipc` and `logger` are its two stamps in seconds."""
 
     ipc: float
@@ -37,7 +37,7 @@ class OdometryMessage(NamedTuple):
     line: int
     pose: tuple[float, ...]
     velocities: tuple[float, ...]
-    stamp: Stamped
+    stamp: MessageStamps
 
 
 class LaserMessage(NamedTuple):
@@ -55,7 +55,7 @@ class LaserMessage(NamedTuple):
     pose_laser: tuple[float, ...]
     pose_robot: tuple[float, ...]
     velocities: tuple[float, ...]
-    stamp: Stamped
+    stamp: MessageStamps
 
 
 @dataclass
@@ -163,8 +163,8 @@ def _expect(fields: list[bytes], count: int) -> None:
         raise ValueError("wrong number of fields")
 
 
-def _stamp(fields: list[bytes]) -> Stamped:
-    return Stamped(*_finite([fields[-3], fields[-1]]))
+def _stamp(fields: list[bytes]) -> MessageStamps:
+    return MessageStamps(*_finite([fields[-3], fields[-1]]))
 
 
 def _readings(fields: list[bytes], first: int) -> tuple[Float64[np.ndarray, "B"], int]:

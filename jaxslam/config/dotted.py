@@ -22,17 +22,17 @@ UNSET = "unset"
 
 
 def flatten(tree: object) -> dict[str, Scalar]:
-    """Every scalar of a configuration by its dotted name, in the order of the fields."""
+    """Return every scalar of a configuration by its dotted name, in the order of the fields."""
     return {name: value for name, value, _ in _walk(tree, "")}
 
 
 def descriptions(tree: object) -> dict[str, str]:
-    """What each scalar means, from the `Attributes:` of the docstrings; empty where they do not say."""
+    """Return the meaning of each scalar, from the `Attributes:` of the docstrings; empty if undocumented."""
     return {name: text for name, _, text in _walk(tree, "", explain=True)}
 
 
 def update(tree: Tree, changes: Mapping[str, object], *, exact: bool = False) -> Tree:
-    """A configuration with some scalars changed, all at once.
+    """Return a configuration with several scalars changed at once.
 
     Choices (`proposal.kind`, or `proposal` for short) come first: a part of another class starts from
     that class' defaults, and the other changes may name its fields.
@@ -60,7 +60,7 @@ def update(tree: Tree, changes: Mapping[str, object], *, exact: bool = False) ->
 
 
 def parse_assignment(text: str) -> tuple[str, Scalar]:
-    """Name and value of `name=value`, as `--set` takes it.
+    """Return name and value of `name=value`, as given to `--set`.
 
     Example:
         `parse_assignment("num_particles=50")` is `("num_particles", 50)`.
@@ -75,7 +75,7 @@ def parse_assignment(text: str) -> tuple[str, Scalar]:
 
 
 def parse_scalar(text: str) -> Scalar:
-    """A value as written on the command line: a whole number, a number, true or false, else text."""
+    """Return a command-line value: a whole number, a number, true or false, else text."""
     if text in ("true", "false"):
         return text == "true"
     for number in (int, float):
@@ -127,7 +127,7 @@ def _attributes(class_: type) -> dict[str, str]:
 
 
 def _choice(tree: object, name: str, exact: bool) -> str | None:
-    """Full name of the `kind` that a name stands for, or None."""
+    """Return the full name of the `kind` that a name refers to, or None."""
     kinds = [full for full in flatten(tree) if full.endswith("." + KIND)]
     for wanted in (name, f"{name}.{KIND}"):
         fits = [full for full in kinds if full == wanted or (not exact and full.endswith("." + wanted))]
@@ -160,7 +160,7 @@ def _nearest(name: str, names: list[str]) -> str:
 
 
 def _rebuild(tree: Any, changes: Mapping[str, object], prefix: str) -> Any:
-    """The tree with the named scalars replaced; parts without a change stay the same objects."""
+    """Return the tree with the named scalars replaced; parts without a change stay the same objects."""
     new: dict[str, object] = {}
     for field in dataclasses.fields(tree):
         name, value = prefix + field.name, getattr(tree, field.name)

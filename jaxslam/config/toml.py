@@ -35,7 +35,7 @@ def dumps(configuration: Module) -> str:
 
 
 def save(path: str | Path, configuration: Module) -> None:
-    """Writes a configuration; `load` gives the same one back.
+    """Write a configuration; `load` gives the same one back.
 
     Raises:
         OSError: the file cannot be written.
@@ -44,7 +44,7 @@ def save(path: str | Path, configuration: Module) -> None:
 
 
 def read_settings(path: str | Path) -> dict[str, object]:
-    """The values of a TOML file by dotted name, not yet checked against any configuration.
+    """Read the values of a TOML file by dotted name, without checking them against a configuration.
 
     Raises:
         ValueError: the file is not TOML; one line that says where.
@@ -62,7 +62,7 @@ def read_settings(path: str | Path) -> dict[str, object]:
 
 
 def load(path: str | Path, base: SlamConfig | None = None) -> SlamConfig:
-    """Reads a configuration; what the file does not name is taken from `base` (None: the defaults).
+    """Read a configuration; what the file does not name is taken from `base` (None: the defaults).
 
     Raises:
         ValueError: the file is not TOML, or a name or value in it is wrong; one line.
@@ -72,7 +72,7 @@ def load(path: str | Path, base: SlamConfig | None = None) -> SlamConfig:
 
 
 def named(table: Mapping[str, object], leaves: Collection[str] = (), prefix: str = "") -> dict[str, object]:
-    """What stands in nested tables by dotted name; choices of parts before what is set in them.
+    """Flatten nested tables to dotted names; choices of parts come before their settings.
 
     Args:
         table: as TOML has it.
@@ -87,7 +87,7 @@ def named(table: Mapping[str, object], leaves: Collection[str] = (), prefix: str
 
 
 def apply(path: str | Path, values: Mapping[str, object], base: Tree) -> Tree:
-    """`base` with the values that were read from a file; the file's name leads every complaint."""
+    """Return `base` updated with the values read from a file; errors start with the file's name."""
     try:
         return update(base, values, exact=True)
     except ValueError as error:

@@ -47,7 +47,7 @@ class OccupancyMap:
 
     @property
     def probability(self) -> Float32[np.ndarray, "H W"]:
-        """`[H, W]` as `plot_map` and `write_map` take it: 1 occupied, 0 free, NaN unknown."""
+        """Return `[H, W]` as `plot_map` and `write_map` expect it: 1 occupied, 0 free, NaN unknown."""
         known = np.where(self.free, np.float32(0.0), np.float32(np.nan))
         return np.where(self.occupied, np.float32(1.0), known)
 
@@ -61,7 +61,7 @@ def write_map(
     occupied_threshold: float = OCCUPIED_THRESHOLD,
     free_threshold: float = FREE_THRESHOLD,
 ) -> None:
-    """Writes a map that nav2's and ROS 1's map_server load: `NAME.yaml` and `NAME.pgm` beside it.
+    """Write a map that nav2's and ROS 1's map_server load: `NAME.yaml` and `NAME.pgm` beside it.
 
     Pixels are 0 (occupied), 254 (free) and 205 (unknown).
 
@@ -109,7 +109,7 @@ def write_map(
 
 
 def read_map(path: str | Path) -> OccupancyMap:
-    """Reads a map of map_server by the rules of nav2's loader.
+    """Read a map of map_server by the rules of nav2's loader.
 
     Brightness is turned into occupancy (dark is occupied; `negate` turns it round), and that is
     compared with the two thresholds. In mode `trinary` transparency counts as a color channel, and
@@ -190,7 +190,7 @@ def _read_image(path: Path) -> tuple[Float64[np.ndarray, "H W"], Float64[np.ndar
 def _occupancy(
     shade: Float64[np.ndarray, "H W"], alpha: Float64[np.ndarray, "H W"], mode: str, negate: bool
 ) -> tuple[Float64[np.ndarray, "H W"], Bool[np.ndarray, "H W"]]:
-    """Occupancy in [0, 1] and where it is known."""
+    """Return the occupancy in [0, 1] and a mask of the known cells."""
     if mode == "raw":
         percent = np.rint(shade * 255)
         return percent / 100, percent <= 100
@@ -257,5 +257,5 @@ def _check_thresholds(path: Path, free: float, occupied: float) -> None:
 
 
 def _yaml_string(text: str) -> str:
-    """A name as it stands where yaml reads it back as the same string, else in double quotes."""
+    """Return a name unquoted if YAML reads it back as the same string, else in double quotes."""
     return text if re.fullmatch(r"[A-Za-z][\w.-]*\.\w+", text, re.ASCII) else json.dumps(text)

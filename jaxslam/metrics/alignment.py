@@ -11,7 +11,7 @@ def associate(
     stamps_estimate: Float[np.ndarray, "M"],
     max_difference: float,
 ) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
-    """Matches stamps one to one: pairs of which each is the other's nearest in time.
+    """Match stamps one to one: pairs of which each is the other's nearest in time.
 
     Args:
         stamps_reference: `[R]` seconds, not decreasing.
@@ -50,7 +50,7 @@ def associate(
 def align_se2(
     reference: Float[np.ndarray, "_ 3"], estimate: Float[np.ndarray, "_ 3"]
 ) -> Float[np.ndarray, "3"]:
-    """The rigid motion that brings an estimate closest to its reference, in least squares.
+    """Return the rigid motion that minimizes the squared distances of an estimate to its reference.
 
     Only positions count. The plane has a closed form: the centered sums of dot and cross products
     are proportional to the cosine and the sine of the rotation.
@@ -97,7 +97,7 @@ def align_se2(
 
 
 def _nearest(sorted_values: Float[np.ndarray, "a"], queries: Float[np.ndarray, "b"]) -> Int[np.ndarray, "b"]:
-    """Index of the value nearest to each query; the earlier one of two as near."""
+    """Return the index of the value nearest to each query; the earlier one of a tie."""
     right = np.clip(np.searchsorted(sorted_values, queries), 0, len(sorted_values) - 1)
     left = np.maximum(right - 1, 0)
     nearer_left = np.abs(queries - sorted_values[left]) <= np.abs(sorted_values[right] - queries)
@@ -105,7 +105,7 @@ def _nearest(sorted_values: Float[np.ndarray, "a"], queries: Float[np.ndarray, "
 
 
 def check_stamps(stamps: Float[np.ndarray, "_"], name: str) -> None:
-    """Refuses stamps that are none, not finite or run backwards; `name` is their track's."""
+    """Refuse stamps that are none, not finite or run backwards; `name` is their track's."""
     if len(stamps) == 0:
         raise ValueError(f"the {name} has no poses: give a trajectory with at least one")
     if not np.isfinite(stamps).all():
@@ -120,7 +120,7 @@ def check_stamps(stamps: Float[np.ndarray, "_"], name: str) -> None:
 
 
 def check_poses(poses: Float[np.ndarray, "_ 3"], name: str, length: int) -> None:
-    """Refuses poses that are not `length` many or not finite; `name` is their track's."""
+    """Refuse poses that are not `length` many or not finite; `name` is their track's."""
     if len(poses) != length:
         raise ValueError(f"the {name} has {len(poses)} poses but should have {length}: match them")
     if not np.isfinite(poses).all():

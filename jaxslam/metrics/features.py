@@ -36,7 +36,7 @@ class FeatureMatch:
 def match_features(
     reference: BinaryMap, estimate: BinaryMap, *, tolerance: float = 0.25, seed: int = 0
 ) -> FeatureMatch:
-    """ORB features of both maps as pictures, matched, and the largest set that one rigid motion explains.
+    """Match ORB features of two maps and find the rigid motion that explains most matches.
 
     The number of inliers falls with everything that makes a map look another: noise, doubled walls, walls
     that are bent. It also rises with the size of the map, and with the lidar's own habits where both maps
@@ -86,7 +86,7 @@ def match_features(
 
 
 def _features(known: BinaryMap) -> tuple[Float64[np.ndarray, "F 2"], Bool[np.ndarray, "F D"]]:
-    """Places `[F, 2]` in meters, world frame, and descriptors of a map's features."""
+    """Return positions `[F, 2]` (meters, world frame) and descriptors of a map's features."""
     from skimage.feature import ORB
 
     detector = ORB(n_keypoints=_NUM_FEATURES, fast_threshold=0.05)
@@ -100,7 +100,7 @@ def _features(known: BinaryMap) -> tuple[Float64[np.ndarray, "F 2"], Bool[np.nda
 
 
 def _picture(known: BinaryMap) -> Float32[np.ndarray, "H W"]:
-    """Black walls on white, gray where nothing is known, slightly blurred."""
+    """Draw black walls on white, unknown cells gray, slightly blurred."""
     from skimage.filters import gaussian
 
     levels = np.where(known.occupied, 0.0, np.where(known.free, 1.0, _UNKNOWN)).astype(np.float32)

@@ -43,7 +43,7 @@ def loop_closed(
     wall_tolerance: float = 0.2,
     min_walls_once: float = 0.8,
 ) -> LoopClosure:
-    """Looks at the places that the robot came back to at the end of its path.
+    """Look at the places that the robot came back to at the end of its path.
 
     In the path: the pose of the second visit, seen from that of the first, is compared with the truth. What
     the map drifted by in between does not matter, as it does not to a robot; a loop that was left open does.
@@ -89,7 +89,7 @@ def loop_closed(
 def _revisits(
     truth: Float64[np.ndarray, "T 3"], near: float, loop: float, last: float
 ) -> tuple[Int[np.ndarray, "R"], Int[np.ndarray, "R"]]:
-    """Pairs of steps in one place, for each second visit near the last one its nearest first visit."""
+    """Return pairs of steps at one place: each second visit near the last, with its nearest first visit."""
     path = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(truth[:, :2], axis=0).T))])
     first, second = [], []
     for step in range(len(truth)):
@@ -115,7 +115,7 @@ def _walls_once(
     reach: float,
     tolerance: float,
 ) -> float:
-    """Share of the occupied cells near the poses that lie on a true wall, each laid by its nearest pose."""
+    """Return the share of cells near the poses that lie on a true wall, placed by the nearest pose."""
     cells = _centers(mapped)
     distance = np.stack([np.hypot(*(cells - pose[:2]).T) for pose in estimate])
     within = distance.min(axis=0) <= reach
@@ -133,6 +133,6 @@ def _walls_once(
 
 
 def _centers(known: BinaryMap) -> Float64[np.ndarray, "C 2"]:
-    """Centers of the occupied cells, meters."""
+    """Return the centers of the occupied cells, meters."""
     rows, columns = np.nonzero(known.occupied)
     return (np.stack([columns, rows], axis=1) + 0.5) * known.resolution + np.asarray(known.origin, np.float64)

@@ -56,7 +56,7 @@ class BinaryMap:
         occupied_threshold: float = 0.65,
         free_threshold: float = 0.25,
     ) -> "BinaryMap":
-        """Thresholds occupancy probabilities; the defaults are those of ROS map_server.
+        """Threshold occupancy probabilities; the defaults are those of ROS map_server.
 
         Args:
             probability: `[H, W]` probability that a cell is occupied; NaN where unknown.
@@ -115,7 +115,7 @@ def map_score(
     pose_reference_estimate: Float[np.ndarray, "3"] | None = None,
     mask: Bool[np.ndarray, "_ _"] | None = None,
 ) -> MapScore:
-    """Precision, recall, F1 and IoU of occupied cells, and IoU of free cells.
+    """Return precision, recall, F1 and IoU of occupied cells, and IoU of free cells.
 
     Occupied cells of the estimate travel as points, their centers, so that one-cell walls survive a
     rotation; free space is looked up the other way, so that it gets no holes.
@@ -198,7 +198,7 @@ def _check(
 def _occupied_cells(
     reference: BinaryMap, estimate: BinaryMap, pose: Float[np.ndarray, "3"]
 ) -> Int[np.ndarray, "K 2"]:
-    """Distinct (row, column) reference cells that the estimate's occupied cells fall into."""
+    """Return the distinct (row, column) reference cells hit by the estimate's occupied cells."""
     # A coarser estimate is split so that one of its cells covers all the reference cells under it.
     splits = max(1, int(np.ceil(estimate.resolution / reference.resolution - _SLACK)))
     fraction = (np.arange(splits) + 0.5) / splits
@@ -237,7 +237,7 @@ def _lookup(
     target: BinaryMap,
     pose_target_source: Float[np.ndarray, "3"],
 ) -> Bool[np.ndarray, "H W"]:
-    """Value of the source cell under each center of a target cell; false outside the source."""
+    """Return the source value under each center of a target cell; false outside the source."""
     height, width = target.occupied.shape
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     points = np.stack([x, y], axis=-1) * target.resolution + target.origin
@@ -250,7 +250,7 @@ def _lookup(
 
 
 def _dilate(cells: Bool[np.ndarray, "H W"], radius: float) -> Bool[np.ndarray, "H W"]:
-    """Cells within `radius` cells (Euclidean, center to center) of a true cell."""
+    """Return the cells within `radius` cells (Euclidean, center to center) of a true cell."""
     # Without a true cell, SciPy's distances are undefined.
     near = ndimage.distance_transform_edt(~cells) <= radius + _SLACK
     return near & cells.any()

@@ -53,7 +53,7 @@ def relation_errors(
     stamps_to: Float[np.ndarray, "_"],
     deltas: Float[np.ndarray, "_ 3"],
 ) -> RelationError:
-    """Statistics of the errors (x_j ⊖ x_i) ⊖ δ_ij over all relations that the trajectory covers.
+    """Return statistics of the errors (x_j ⊖ x_i) ⊖ δ_ij over all relations that the trajectory covers.
 
     A relation's stamps may lie between two poses: the pose there is the last one at or before it,
     moved on by the odometry since, itself interpolated at both stamps.
@@ -111,7 +111,7 @@ def relation_residuals(
     stamps_to: Float[np.ndarray, "_"],
     deltas: Float[np.ndarray, "_ 3"],
 ) -> tuple[Float64[np.ndarray, "_"], Float64[np.ndarray, "_"]]:
-    """Error of every relation, to find the ones that went wrong. Arguments as `relation_errors`.
+    """Return the error of every relation, to find outliers. Arguments as in `relation_errors`.
 
     Returns:
         `[R]` translational errors in meters and `[R]` absolute rotational errors in radians, NaN
@@ -142,7 +142,7 @@ def _covered(
     stamps: Float64[np.ndarray, "M"],
     odometry_stamps: Float64[np.ndarray, "K"],
 ) -> Bool[np.ndarray, "Q"]:
-    """Where there is a pose, or one before and odometry since: beyond its end it would be made up."""
+    """Return the times with a pose, or with an earlier pose and odometry since; never beyond the end."""
     last = np.searchsorted(stamps, times + STAMP_TOLERANCE, side="right") - 1
     inside = (last >= 0) & (times <= stamps[-1] + STAMP_TOLERANCE)
     since = stamps[np.maximum(last, 0)]

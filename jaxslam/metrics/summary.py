@@ -21,7 +21,7 @@ def relation_figures(
     odometry: OdometryTrack,
     relations: Relations,
 ) -> dict[str, float]:
-    """Statistics of the relation errors of a trajectory, see `jaxslam.metrics.relation_errors`."""
+    """Return statistics of the relation errors of a trajectory, see `jaxslam.metrics.relation_errors`."""
     error = relation_errors(
         stamps,
         poses,
@@ -43,7 +43,7 @@ def reference_error(
     *,
     align: Alignment = "se2",
 ) -> TrajectoryError:
-    """Absolute trajectory error, every reference pose compared at its own time.
+    """Return the absolute trajectory error, with every reference pose compared at its own time.
 
     Picking the scan nearest in time instead would charge the robot's motion in between to the filter.
 
@@ -74,5 +74,5 @@ def reference_error(
 
 
 def trajectory_figures(error: TrajectoryError) -> dict[str, float]:
-    """The figures of `ate` in `metrics.json`."""
+    """Return the entries of `ate` in `metrics.json`."""
     return {key: asdict(error)[key] for key in _TRAJECTORY_KEYS}

@@ -44,7 +44,7 @@ class SweepTiming:
 
 
 def sweep_timing(log: SensorLog, turn_time: float, max_lag: float) -> SweepTiming | None:
-    """When the beams of a log's scans were taken.
+    """Estimate when the beams of a log's scans were taken.
 
     The log's own time increment counts, from its stamps on, as a LaserScan has it; a log without one is
     taken to stamp scans when they are complete, of a lidar that turns evenly. Where the turning seen by the
@@ -80,7 +80,7 @@ def sweep_timing(log: SensorLog, turn_time: float, max_lag: float) -> SweepTimin
 
 
 def deskew(log: SensorLog, timing: SweepTiming) -> SensorLog:
-    """The log with every scan as a lidar at rest at its stamp would have taken it.
+    """Return the log with every scan as seen by a lidar at rest at the scan's stamp.
 
     Between two end points on one wall the range is that of the line through them; elsewhere that of the
     nearer beam.
@@ -122,7 +122,7 @@ def _lidar_poses(
 def _seen_from_rest(
     ranges: Float32[np.ndarray, "B"], path: Float64[np.ndarray, "B 3"], first: float, step: float, count: int
 ) -> Float32[np.ndarray, "B"]:
-    """Ranges `[B]` read off from the origin, of beams shot from along a path.
+    """Return ranges `[B]` seen from the origin, given beams measured along a path.
 
     Args:
         ranges: `[B]` meters, NaN where nothing came back.

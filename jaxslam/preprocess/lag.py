@@ -47,7 +47,7 @@ class ScanLag:
 
 
 def estimate_lag(scans: ScanTrack, odometry: OdometryTrack, max_lag: float) -> ScanLag | None:
-    """The lag at which the scans' turning agrees best with the odometry's.
+    """Estimate the lag at which the rotation seen in the scans agrees best with the odometry's.
 
     Each scan is turned against the one before it until both look most alike; the rates found are
     correlated with the odometry's at every lag.
@@ -87,7 +87,7 @@ def _lags(reach: float) -> Float64[np.ndarray, "L"]:
 
 
 def _turning_pairs(scans: ScanTrack, odometry: OdometryTrack, max_lag: float) -> Int[np.ndarray, "P"]:
-    """Indices of scans that the robot turns after, now or within the lag, and that the next follows soon."""
+    """Return indices of scans followed soon by the next while the robot turns, at any lag in the interval."""
     intervals = np.diff(scans.stamps)
     pairs = np.flatnonzero((intervals > _INTERVALS[0]) & (intervals < _INTERVALS[1]))
     if len(pairs) == 0:
@@ -101,7 +101,7 @@ def _turning_pairs(scans: ScanTrack, odometry: OdometryTrack, max_lag: float) ->
 def _rates(
     scans: ScanTrack, odometry: OdometryTrack, pairs: Int[np.ndarray, "P"], lag: float
 ) -> Float64[np.ndarray, "P"]:
-    """Turning rate by the odometry over each pair, `lag` seconds later."""
+    """Return the odometry's turning rate over each pair, `lag` seconds later."""
     before, after = scans.stamps[pairs], scans.stamps[pairs + 1]
     first = interpolate_poses(odometry.stamps, odometry.poses, before + lag)
     second = interpolate_poses(odometry.stamps, odometry.poses, after + lag)
@@ -109,7 +109,7 @@ def _rates(
 
 
 def _rotations(scans: ScanTrack, pairs: Int[np.ndarray, "P"]) -> Float64[np.ndarray, "P"]:
-    """Rotation of the lidar between the scans of each pair, radians, to a fraction of a beam."""
+    """Return the lidar's rotation between the scans of each pair, radians, interpolated between beams."""
     stride = -(-scans.ranges.shape[1] // _MAX_BEAMS)
     with np.errstate(invalid="ignore"):
         cut = np.minimum(scans.ranges[:, ::stride].astype(np.float64), _FAR)
@@ -136,7 +136,7 @@ def _vertex(
     middle: Float64[np.ndarray, "*any"] | float,
     after: Float64[np.ndarray, "*any"] | float,
 ) -> Float64[np.ndarray, "*any"]:
-    """Where between −½ and ½ the parabola through three values has its peak."""
+    """Return the offset, from −½ to ½, of the peak of the parabola through three values."""
     curvature = np.asarray(before - 2 * middle + after, dtype=np.float64)
     safe = np.where(curvature < 0, curvature, -1.0)
     return np.asarray(np.clip(np.where(curvature < 0, 0.5 * (before - after) / safe, 0.0), -0.5, 0.5))

@@ -24,7 +24,7 @@ class LidarRanges(Protocol):
 
 
 def correct_scans(log: SensorLog, lidar: LidarRanges) -> tuple[SensorLog, SweepTiming | None]:
-    """The log with its scans as a lidar at rest, that reports what it can see, would have taken them.
+    """Return the log with its ranges limited to the lidar's interval and its scans deskewed.
 
     Returns:
         The log with readings outside of the lidar's interval turned into "no return" (NaN) and the robot's
@@ -36,7 +36,7 @@ def correct_scans(log: SensorLog, lidar: LidarRanges) -> tuple[SensorLog, SweepT
 
 
 def _within_range(log: SensorLog, lidar: LidarRanges) -> SensorLog:
-    """Drivers often state a far larger maximum than the sensor has and pass its ghosts on."""
+    """Drop ranges outside the lidar's interval: the maximum stated by drivers is often too large."""
     if log.scans is None:
         return log
     ranges = log.scans.ranges

@@ -8,7 +8,7 @@ from jaxslam.io.log import JointTrack, LogError, OdometryTrack
 
 
 def wheel_odometry(joints: JointTrack, wheel_radius: float, track: float) -> OdometryTrack:
-    """Dead reckoning of a differential drive, each interval as an arc.
+    """Integrate the wheel angles of a differential drive, each interval as an arc.
 
     Args:
         joints: with one joint whose name holds "left" and one with "right", in radians.

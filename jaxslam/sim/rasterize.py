@@ -9,7 +9,7 @@ from jaxslam.sim.worlds.world import World
 
 
 def rasterize(world: World, spec: GridSpec) -> Bool[np.ndarray, "H W"]:
-    """Marks every cell that a segment runs through.
+    """Mark every cell that a segment runs through.
 
     A cell spans [lower, upper) on both axes, so a wall exactly on the line between two cells
     belongs to the upper one; a cell that is only touched at a corner stays unmarked. What lies
@@ -39,7 +39,7 @@ def reachable(
     spec: GridSpec,
     start: Float[np.ndarray, "2"] | Float[Array, "2"],
 ) -> Bool[np.ndarray, "H W"]:
-    """Free cells connected to `start` (meters, world frame) over their sides, `[H, W]`.
+    """Return the free cells `[H, W]` connected over their sides to `start` (meters, world frame).
 
     Raises:
         ValueError: if `start` lies outside the grid or on an occupied cell.
@@ -60,7 +60,7 @@ def reachable(
 def observable(
     world: World, spec: GridSpec, start: Float[np.ndarray, "2"] | Float[Array, "2"]
 ) -> tuple[Bool[np.ndarray, "H W"], Bool[np.ndarray, "H W"]]:
-    """Occupied and free cells `[H, W]` that a robot from `start` could ever have seen.
+    """Return the occupied and free cells `[H, W]` that a robot starting at `start` can observe.
 
     Free cells are those reachable from `start`; of the occupied ones only those that touch one of
     them by a side or a corner count. The inside of machines and all beyond the walls is neither.
@@ -80,7 +80,7 @@ def observable(
 
 
 def _cells_crossed(start: Float64[np.ndarray, "2"], end: Float64[np.ndarray, "2"]) -> Int[np.ndarray, "_ 2"]:
-    """(column, row) of each cell that the line between two points in cell units runs through."""
+    """Return (column, row) of each cell crossed by the line between two points in cell units."""
     fractions = [np.array([0.0, 1.0])]
     for first, last in zip(start, end, strict=True):
         lines = np.arange(np.ceil(min(first, last)), np.floor(max(first, last)) + 1)

@@ -35,7 +35,7 @@ class Interrupts:
 
     @contextmanager
     def passing(self) -> Iterator[None]:
-        """What takes long, and may be broken off anywhere.
+        """Let Ctrl-C interrupt a long computation at any point.
 
         Raises:
             KeyboardInterrupt: one came now or before, even if it was lost on its way: what is raised in a

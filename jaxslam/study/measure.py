@@ -57,7 +57,7 @@ class LoadedSource:
 
 
 def load(source: Source) -> LoadedSource:
-    """Reads a log, or drives through a world; once, whatever lidar it is said to have.
+    """Read a log, or drives through a world; once, whatever lidar it is said to have.
 
     Raises:
         ValueError: a file that cannot be used, one line.
@@ -92,7 +92,7 @@ def _loaded(source: Source) -> LoadedSource:
 
 
 def check_source(plan: Plan, source: Source) -> None:
-    """Measures the odometry of a source, before any run is made.
+    """Measure the odometry of a source, before any run is made.
 
     Raises:
         ValueError: it has none, or nothing that it could be measured by; one line.
@@ -112,7 +112,7 @@ def check_source(plan: Plan, source: Source) -> None:
 def measure(
     plan: Plan, source: Source, seeds: Sequence[int], settings: Sequence[Mapping[str, Scalar]]
 ) -> list[Figures | TrialError]:
-    """The figures of every configuration on one source, or why there are none.
+    """Return the figures of every configuration on one source, or the reason for a failure.
 
     Configurations that differ in traced numbers only share a program, and run together, unless the time of
     each is to be told.
@@ -152,7 +152,7 @@ def measure(
 def _prepared(
     plan: Plan, source: Source, loaded: LoadedSource, settings: Mapping[str, Scalar]
 ) -> tuple[RBPF, PreparedScans, tuple[Any, ...]]:
-    """The filter, its scans, and all that the scans depend on."""
+    """Return the filter, its scans, and everything that the scans depend on."""
     configuration = plan.configuration(settings, loaded.lidar)
     return *prepare(loaded.log, configuration), (
         *jax.tree.leaves(configuration.lidar),
@@ -183,7 +183,7 @@ def _figures(
 def _errors(
     loaded: LoadedSource, inputs: PreparedScans, poses: Float64[np.ndarray, "S 3"]
 ) -> tuple[float, float]:
-    """Meters and degrees of the poses at all scans; NaN for a source that has nothing to be measured by."""
+    """Return the errors of the poses at all scans, meters and degrees; NaN for a source without reference."""
     log = loaded.log
     assert log.odometry is not None
     if loaded.relations is not None:
@@ -198,7 +198,7 @@ def _errors(
 def _map_losses(
     loaded: LoadedSource, grid: GridSpec, log_odds: Int8[np.ndarray, "C S H W"] | None, row: int
 ) -> Float64[np.ndarray, "S"]:
-    """One minus the IoU of the walls, by seed; empty if no map was kept, as none is for a log."""
+    """Return one minus the IoU of the walls, by seed; empty if no map was kept, and for a log."""
     if loaded.world is None or log_odds is None:
         return np.zeros(0)
     assert loaded.reference is not None
@@ -212,6 +212,6 @@ def _map_losses(
 
 
 def program_of(plan: Plan, source: Source, settings: Mapping[str, Scalar]) -> Any:
-    """What must be equal for two configurations to share a program: structure and sizes."""
+    """Return a key that is equal for configurations that share a program: structure and sizes."""
     slam, scans, _ = _prepared(plan, source, load(source), settings)
     return jax.tree.structure(slam), (len(scans.stamps) - 1).bit_length()

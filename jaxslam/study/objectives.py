@@ -40,7 +40,7 @@ class Objective:
     needs: str
 
     def check(self, source: Any) -> None:
-        """Raises `ValueError` for a source that it cannot be told of."""
+        """Raise `ValueError` for a source that it cannot be told of."""
         measured = source.world is not None or source.relations is not None or source.reference is not None
         if self.needs == "reference" and not measured:
             raise ValueError(f"{source.name}: give it relations or a reference, to measure the error by")
@@ -59,5 +59,5 @@ OBJECTIVES: dict[str, Objective] = {
 
 
 def values(objectives: tuple[str, ...], by_source: list[Figures]) -> list[float]:
-    """The objectives of a trial."""
+    """Return the objectives of a trial."""
     return [float(np.mean([OBJECTIVES[name].of(figures) for figures in by_source])) for name in objectives]

@@ -90,7 +90,7 @@ class Plan:
     def configuration(
         self, settings: Mapping[str, Scalar], lidar: str | LidarPreset | None = None
     ) -> SlamConfig:
-        """The base with the settings of a trial.
+        """Return the base configuration with the settings of a trial.
 
         Raises:
             ValueError: one of them is out of range.
@@ -98,7 +98,7 @@ class Plan:
         return with_settings(with_settings(starting_with(lidar), self.base), settings)
 
     def described(self) -> dict[str, Any]:
-        """All that makes the values of two trials comparable, as JSON has it."""
+        """Return, as JSON types, all that must be equal for the values of two trials to be comparable."""
         kept = dataclasses.asdict(self)
         for name in ("sampler", "sampler_seed", "trials", "batch", "held_out", "held_out_seeds"):
             del kept[name]
@@ -106,7 +106,7 @@ class Plan:
 
 
 def starting_with(lidar: str | LidarPreset | Mapping[str, Any] | None) -> SlamConfig:
-    """The defaults with a lidar: its name, or the preset itself, also as JSON has it."""
+    """Return the default configuration with a lidar, given by name, preset or JSON dictionary."""
     if lidar is None:
         return SlamConfig()
     if isinstance(lidar, str):
@@ -119,7 +119,7 @@ def starting_with(lidar: str | LidarPreset | Mapping[str, Any] | None) -> SlamCo
 
 
 def with_settings(configuration: SlamConfig, settings: Mapping[str, Scalar]) -> SlamConfig:
-    """The same with other settings; `method` is one of them."""
+    """Return a configuration with changed settings; `method` is one of them."""
     rest = dict(settings)
     method = rest.pop("method", None)
     if method is not None:
@@ -128,7 +128,7 @@ def with_settings(configuration: SlamConfig, settings: Mapping[str, Scalar]) -> 
 
 
 def read_plan(path: str | Path) -> Plan:
-    """Reads and checks a study.
+    """Read and checks a study.
 
     Raises:
         ValueError: the file is not TOML, a name in it is not known (the nearest is named), a value is out of
@@ -216,7 +216,7 @@ _DEFAULTS: dict[str, Any] = {
 
 
 def _base(study: Mapping[str, Any], settings: dict[str, Any], folder: Path) -> dict[str, Scalar]:
-    """What differs from the defaults: a method, a file, the table [filter], in this order."""
+    """Collect the differences from the defaults: the method, a file, the table [filter], in this order."""
     base: dict[str, Scalar] = {}
     if "method" in study:
         base["method"] = study["method"]
@@ -269,7 +269,7 @@ def _sources(tables: Any, name: str, folder: Path) -> tuple[Source, ...]:
 
 
 def _check_bounds(plan: Plan) -> None:
-    """Tries both ends of every parameter: a setting that no filter takes should not cost a trial."""
+    """Try both ends of every parameter: a setting that no filter takes should not cost a trial."""
     for parameter in plan.space.parameters:
         holds = plan.space.where_it_applies(parameter, plan.configuration({}))
         for value in parameter.ends():

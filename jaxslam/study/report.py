@@ -58,7 +58,7 @@ class Summary:
 
     @property
     def best(self) -> FrozenTrial:
-        """The best by the first objective.
+        """Return the best trial by the first objective.
 
         Raises:
             ValueError: no trial has values.
@@ -69,7 +69,7 @@ class Summary:
 
 
 def summarize(store: Store, objectives: Sequence[str]) -> Summary:
-    """Looks through a study."""
+    """Look through a study."""
     trials = store.trials()
     complete = [trial for trial in trials if trial.state == TrialState.COMPLETE]
     failed = [(trial.number, reason) for trial in trials if (reason := failure(trial)) is not None]
@@ -84,7 +84,7 @@ def summarize(store: Store, objectives: Sequence[str]) -> Summary:
 
 
 def trial_table(summary: Summary, count: int | None = None) -> str:
-    """The trials as a Markdown table, best first; those of the front are marked."""
+    """Return the trials as a Markdown table, best first; a star marks the Pareto front."""
     names = _names(summary)
     front = {trial.number for trial in summary.front}
     labels = [OBJECTIVES[name].label for name in summary.objectives]
@@ -101,7 +101,7 @@ def trial_table(summary: Summary, count: int | None = None) -> str:
 
 
 def importance_table(summary: Summary) -> str:
-    """How much of an objective's variance each parameter makes, as a Markdown table."""
+    """Return the share of each parameter in an objective's variance as a Markdown table."""
     names = list(dict.fromkeys(name for shares in summary.importances.values() for name in shares))
     if not names:
         return "Too few trials to tell which parameters matter."
@@ -115,7 +115,7 @@ def importance_table(summary: Summary) -> str:
 
 
 def write_report(folder: Path, store: Store, plan: dict[str, Any]) -> Summary:
-    """Writes `report.md`, `trials.json`, `best.toml` (and one file for each of the front) and pictures.
+    """Write `report.md`, `trials.json`, `best.toml` (and one file for each of the front) and pictures.
 
     Args:
         folder: exists.
@@ -152,7 +152,7 @@ def write_report(folder: Path, store: Store, plan: dict[str, Any]) -> Summary:
 
 
 def counts(summary: Summary) -> str:
-    """How many trials there are, in a line, and why some of them failed."""
+    """Return one line with the number of trials and the reasons for failures."""
     failed, lost = len(summary.failed), summary.lost
     complete = len(summary.complete)
     trials = "trial" if complete == 1 else "trials"
@@ -164,7 +164,7 @@ def counts(summary: Summary) -> str:
 
 
 def write_configuration(path: Path, plan: dict[str, Any], settings: dict[str, Scalar]) -> None:
-    """A trial's whole filter as TOML for `jaxslam run --config`.
+    """Write a trial's complete configuration as TOML for `jaxslam run --config`.
 
     A lidar that is not tuned is left out: the log chooses. One that is, is that of the first source.
     """
@@ -175,7 +175,7 @@ def write_configuration(path: Path, plan: dict[str, Any], settings: dict[str, Sc
 
 
 def draw(folder: Path, summary: Summary) -> None:
-    """History, parallel coordinates and importances; of two objectives the Pareto front."""
+    """Draw history, parallel coordinates and importances; for two objectives also the Pareto front."""
     several = len(summary.objectives)
     _save(folder / "history.png", summary, _draw_history, (7, 2.9 * several + 0.4))
     width = 1.6 * (len(_names(summary)) + several) + 2
@@ -226,7 +226,7 @@ def _draw_history(figure: Figure, summary: Summary) -> None:
 
 
 def draw_parallel(figure: Figure, summary: Summary) -> None:
-    """Every trial as a line over its settings and its objectives, each on a scale of its own."""
+    """Draw every trial as a line over its settings and objectives, each with its own scale."""
     ax = figure.subplots()
     names = _names(summary)
     columns = [_setting_column(summary, name) for name in names]
@@ -267,7 +267,7 @@ def draw_parallel(figure: Figure, summary: Summary) -> None:
 
 
 def _names(summary: Summary) -> list[str]:
-    """Of all parameters that any trial has, those of the best first."""
+    """Return the names of all parameters of the trials, those of the best trial first."""
     return list(dict.fromkeys(name for trial in summary.complete for name in trial.params))
 
 
@@ -283,7 +283,7 @@ def _setting_column(summary: Summary, name: str) -> tuple[list[float], dict[floa
 
 
 def _column(values: Sequence[Scalar], log: bool | None = None) -> tuple[list[float], dict[float, str]]:
-    """Heights 0 to 1 of values on an axis, of choices evenly; and what stands beside which height."""
+    """Return the heights 0 to 1 of values on an axis (choices evenly spaced), and tick labels by height."""
     if any(isinstance(value, str | bool) for value in values):
         known = sorted(set(map(str, values)))
         heights = [known.index(str(value)) / max(len(known) - 1, 1) for value in values]
@@ -298,7 +298,7 @@ def _column(values: Sequence[Scalar], log: bool | None = None) -> tuple[list[flo
 
 
 def _is_wide(values: Sequence[Any]) -> bool:
-    """Whether some are so much larger that the others would look equal."""
+    """Return whether a few values are so large that the others would look equal."""
     return bool(min(values) > 0 and max(values) > _WIDE * np.median(values))
 
 
@@ -349,7 +349,7 @@ def _objectives(trials: Sequence[FrozenTrial]) -> tuple[list[float], list[float]
 
 
 def _importances(study: optuna.Study, index: int) -> dict[str, float]:
-    """By fANOVA; empty where it cannot be told."""
+    """Return fANOVA importances; empty if they cannot be computed."""
     if len(study.get_trials(deepcopy=False, states=[TrialState.COMPLETE])) < FEWEST:
         return {}
     with warnings.catch_warnings():
@@ -366,5 +366,5 @@ def _importances(study: optuna.Study, index: int) -> dict[str, float]:
 
 
 def cell(value: Scalar) -> str:
-    """A setting as tables and messages have it."""
+    """Format a setting for tables and messages."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -41,7 +41,7 @@ class TrialResult:
 
 
 def keep_programs(folder: Path) -> None:
-    """Compiled programs are kept in a folder: for the workers beside this one, and for the next session."""
+    """Cache compiled programs in a folder, shared with other workers and later sessions."""
     if jax.config.jax_compilation_cache_dir != str(folder):  # type: ignore[attr-defined]
         # Else JAX stays with what it has settled for when it compiled first.
         compilation_cache.reset_cache()
@@ -50,7 +50,7 @@ def keep_programs(folder: Path) -> None:
 
 
 def with_lidars(plan: Plan) -> Plan:
-    """The plan with the lidar of every source, as its scans tell it: it is a part of what is tried.
+    """Return the plan with the lidar of every source, detected from its scans.
 
     Raises:
         ValueError: a source, held out or not, has no odometry, or nothing that it could be measured by.
@@ -63,7 +63,7 @@ def with_lidars(plan: Plan) -> Plan:
 
 
 def with_few_programs(plan: Plan) -> Plan:
-    """The plan with a step for every number on which the program depends, so that few are compiled."""
+    """Return the plan with a step for every size of a program, so that few programs are compiled."""
     base = plan.configuration({}, plan.sources[0].lidar)
 
     def is_size(parameter: Parameter) -> bool:
@@ -75,7 +75,7 @@ def with_few_programs(plan: Plan) -> Plan:
 
 
 def run_trials(plan: Plan, url: str, on_trial: Callable[[Store, TrialResult], None]) -> Store:
-    """Goes on until the study has as many finished trials as the plan asks for.
+    """Run trials until the study has the number of finished trials of the plan.
 
     Raises:
         ValueError: the storage cannot be used, a source cannot be read, or the first trials all fail.
@@ -92,7 +92,7 @@ def run_trials(plan: Plan, url: str, on_trial: Callable[[Store, TrialResult], No
 
 
 def run_batch(plan: Plan, store: Store, count: int, interrupts: Interrupts) -> list[TrialResult]:
-    """Asks for so many trials, runs those of one program together, and tells each when all are done.
+    """Ask for so many trials, runs those of one program together, and tells each when all are done.
 
     Args:
         plan: of the study.
@@ -124,7 +124,7 @@ def run_batch(plan: Plan, store: Store, count: int, interrupts: Interrupts) -> l
 def evaluate(
     plan: Plan, sources: Sequence[Source], seeds: Sequence[int], settings: Sequence[dict[str, Scalar]]
 ) -> list[list[float] | str]:
-    """Objectives of every configuration, the mean over sources; or why there are none."""
+    """Return the objectives of every configuration, averaged over sources, or the reason for a failure."""
     by_source: list[list[Figures | TrialError]] = []
     for source in sources:
         # What failed on one source is not run on the others.
@@ -150,7 +150,7 @@ def _failed(by_source: Sequence[Sequence[Any]], index: int) -> TrialError | None
 
 
 def check_hope(store: Store) -> None:
-    """Raises `ValueError` if the first trials all failed."""
+    """Raise `ValueError` if the first trials all failed."""
     done = store.finished()
     if len(done) >= HOPELESS and all(trial.values is None for trial in done):
         raise ValueError(
@@ -161,7 +161,7 @@ def check_hope(store: Store) -> None:
 def held_out_table(
     plan: Plan, settings: dict[str, Scalar]
 ) -> list[tuple[str, list[float] | str, list[float] | str]]:
-    """Tuned settings beside those of the base: on what they were tuned on, and on what they were not.
+    """Compare tuned settings with the base, on the data used for tuning and on held-out data.
 
     Returns:
         Rows of a name and two outcomes of `evaluate`: of the base, and of the tuned settings.

@@ -43,15 +43,15 @@ class Parameter:
 
     @property
     def chooses_a_part(self) -> bool:
-        """Whether other parameters may be there for some of its choices only."""
+        """Return whether other parameters may exist for some of its choices only."""
         return self.name == METHOD or self.name.endswith("." + KIND)
 
     def ends(self) -> tuple[Scalar, ...]:
-        """All choices, or both ends of the interval."""
+        """Return all choices, or both ends of the interval."""
         return self.choices or (self._number(self.low), self._number(self.high))
 
     def suggest(self, trial: Any) -> Scalar:
-        """The sampler's value for an Optuna trial."""
+        """Return the sampler's value for an Optuna trial."""
         if self.choices:
             return trial.suggest_categorical(self.name, self.choices)
         if self.whole:
@@ -78,7 +78,7 @@ class Space:
 
     @classmethod
     def of(cls, tables: Mapping[str, Any], base: SlamConfig) -> "Space":
-        """Reads and checks a space.
+        """Read and checks a space.
 
         Args:
             tables: by name, `[choice, …]` or `{low, high, step, log}` or `{choices}`.
@@ -115,11 +115,11 @@ class Space:
         return cls((*parts, *rest))
 
     def parts(self) -> list[Parameter]:
-        """Those that choose a part of the filter."""
+        """Return the parameters that choose a part of the filter."""
         return [parameter for parameter in self.parameters if parameter.chooses_a_part]
 
     def suggest(self, trial: Any, base: SlamConfig) -> dict[str, Scalar]:
-        """A trial's settings: first the parts, then what those parts have."""
+        """Suggest a trial's settings: first the parts, then the settings of those parts."""
         settings = {parameter.name: parameter.suggest(trial) for parameter in self.parts()}
         known = flatten(_chosen(base, settings))
         for parameter in self.parameters:
@@ -128,14 +128,14 @@ class Space:
         return settings
 
     def where_it_applies(self, parameter: Parameter, base: SlamConfig) -> dict[str, Scalar]:
-        """Choices of parts with which a filter has this parameter."""
+        """Return choices of parts with which a filter has this parameter."""
         if parameter.chooses_a_part:
             return {}
         choices = _combinations(self.parts())
         return next(choice for choice in choices if parameter.name in flatten(_chosen(base, choice)))
 
     def with_steps(self, is_size: Callable[[Parameter], bool]) -> "Space":
-        """The same with `VALUES_OF_A_SIZE` values where a number on an even scale decides the program."""
+        """Return the space with at most `VALUES_OF_A_SIZE` values for every linear size of a program."""
 
         def limited(parameter: Parameter) -> Parameter:
             if parameter.choices or parameter.step is not None or parameter.log or not is_size(parameter):
@@ -191,13 +191,13 @@ def _parameter(name: str, table: Any, known: Mapping[str, Scalar]) -> Parameter:
 
 
 def _last(low: float, high: float, step: float) -> float:
-    """The last value of an interval that is whole steps from its first."""
+    """Return the last value of an interval that is a whole number of steps from its first."""
     last = _exact(low) + (_exact(high) - _exact(low)) // _exact(step) * _exact(step)
     return int(last) if isinstance(low, int) and isinstance(step, int) else float(last)
 
 
 def _exact(number: float) -> Decimal:
-    """As it is written: in binary ten times 0.1 is not 1, and the end of an interval would be lost."""
+    """Return a number as written in decimal: in binary, ten times 0.1 is not 1."""
     return Decimal(str(number))
 
 

@@ -28,14 +28,14 @@ _ELSEWHERE = "give this one another name ([study] name), or another storage"
 
 
 def storage_url(storage: str) -> str:
-    """A URL as it is; of a path, that of the SQLite file there."""
+    """Return a URL unchanged; for a path, return the URL of the SQLite file there."""
     if "://" in storage:
         return storage
     return sqlalchemy.URL.create("sqlite", database=str(Path(storage).resolve())).render_as_string()
 
 
 def redact_url(url: str) -> str:
-    """A URL for messages: without the password in it, and a SQLite file as its path."""
+    """Return a URL for messages: without its password, and a SQLite file as its path."""
     try:
         parts = sqlalchemy.make_url(url)
     except sqlalchemy.exc.ArgumentError:
@@ -58,28 +58,28 @@ class Store:
     storage: RDBStorage
 
     def trials(self) -> list[FrozenTrial]:
-        """All trials, those in flight and those lost with them."""
+        """Return all trials, including those in flight and lost ones."""
         return self.study.get_trials(deepcopy=False)
 
     def finished(self) -> list[FrozenTrial]:
-        """Trials that came to an end: with values, or with a failure that they tell of.
+        """Return the finished trials: with values, or with a recorded failure.
 
         Those that a killed process left behind are neither, and are made up for.
         """
         return [trial for trial in self.trials() if trial.state == TrialState.COMPLETE or failure(trial)]
 
     def fail_stale_trials(self) -> None:
-        """Marks the trials of which nothing was heard any more as failed."""
+        """Mark the trials of which nothing was heard any more as failed."""
         with _known_warnings():
             optuna.storages.fail_stale_trials(self.study)
 
     def ask(self, count: int) -> list[optuna.Trial]:
-        """New trials, as the sampler wants them."""
+        """Ask the sampler for new trials."""
         with _known_warnings():
             return [self.study.ask() for _ in range(count)]
 
     def tell(self, trial: optuna.Trial, outcome: Sequence[float] | str) -> None:
-        """Records the values of a trial, or why there are none."""
+        """Record the values of a trial, or why there are none."""
         # Who slept for longer than the grace, as computers do, has been given up by another process.
         with suppress(UpdateFinishedTrialError):
             if isinstance(outcome, str):
@@ -89,13 +89,13 @@ class Store:
                 self.study.tell(trial, list(outcome), skip_if_finished=True)
 
     def give_up(self, trials: Sequence[optuna.Trial]) -> None:
-        """Marks trials as lost, of which nobody knows what they are worth."""
+        """Mark trials as lost, of which nobody knows what they are worth."""
         for trial in trials:
             self.study.tell(trial, state=TrialState.FAIL, skip_if_finished=True)
 
     @contextmanager
     def alive(self, trials: Sequence[optuna.Trial]) -> Iterator[None]:
-        """Signs of life of these trials, meanwhile: a process that is killed gives no more."""
+        """Record heartbeats of these trials while the context is open; a killed process sends no more."""
         study_id = self.storage.get_study_id_from_name(self.study.study_name)
         ids = [
             self.storage.get_trial_id_from_study_id_trial_number(study_id, trial.number) for trial in trials
@@ -124,12 +124,12 @@ class Store:
 
 
 def failure(trial: FrozenTrial) -> str | None:
-    """Why a trial has no values; None if it has, or was lost."""
+    """Return why a trial has no values; None if it has values or was lost."""
     return trial.user_attrs.get(_FAILURE)
 
 
 def connect(url: str) -> RDBStorage:
-    """A storage, with its tables made where there are none.
+    """Open a storage and create its tables if they are missing.
 
     Raises:
         ValueError: it cannot be opened or written; one line.
@@ -156,7 +156,7 @@ def connect(url: str) -> RDBStorage:
 
 @contextmanager
 def storage_errors(url: str, *more: type[Exception]) -> Iterator[None]:
-    """What a storage complains of, and `more`, as a `ValueError` of one line."""
+    """Turn errors of a storage, and those of types `more`, into a one-line `ValueError`."""
     caught: tuple[type[Exception], ...] = (sqlalchemy.exc.SQLAlchemyError, StorageInternalError, *more)
     try:
         yield
@@ -165,7 +165,7 @@ def storage_errors(url: str, *more: type[Exception]) -> Iterator[None]:
 
 
 def open_study(plan: Plan, url: str) -> Store:
-    """The study of that plan in a storage, made if it is not there.
+    """Open the study of a plan in a storage, and create it if it is missing.
 
     Raises:
         ValueError: the storage has a study of that name by another plan, or cannot be written.
@@ -196,7 +196,7 @@ def open_study(plan: Plan, url: str) -> Store:
 
 
 def load_study(url: str, name: str | None) -> tuple[Store, dict[str, Any]]:
-    """A study to report on, and what describes its plan.
+    """Load a study for a report, and the description of its plan.
 
     Raises:
         ValueError: there is none, or not the one that was named, or several of which none was.

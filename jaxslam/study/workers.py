@@ -33,7 +33,7 @@ _ONE_AT_A_TIME = threading.Lock()
 
 
 def check_cluster(cluster: str, url: str) -> None:
-    """What can be known of a cluster before it is asked.
+    """Check a cluster as far as possible without connecting to it.
 
     Raises:
         ValueError: a number of workers that is none, or a SQLite file for those of other machines.
@@ -52,7 +52,7 @@ def check_cluster(cluster: str, url: str) -> None:
 def run_on_cluster(
     plan: Plan, url: str, cluster: str, programs: Path, on_trial: Callable[[Store, TrialResult], None]
 ) -> Store:
-    """As `run_trials`, on workers elsewhere.
+    """Run trials as `run_trials` does, on Dask workers.
 
     A worker that is killed loses its trial only: the scheduler gives the task to another one, which asks for
     a new trial.
@@ -82,7 +82,7 @@ def run_on_cluster(
 def _spread(
     client: Client, plan: Plan, url: str, left: int, programs: Path, interrupts: Interrupts
 ) -> Iterator[TrialResult]:
-    """So many trials, in batches, as they end."""
+    """Run `left` trials in batches, and yield the results as they finish."""
     counts = [min(plan.batch, left - first) for first in range(0, left, plan.batch)]
     futures = [
         client.submit(_one_batch, plan, url, count, str(programs), pure=False, retries=RETRIES)
@@ -138,7 +138,7 @@ class _OneOfSeveral(WorkerPlugin):
 
 
 def share_of_cores(index: int, count: int) -> set[int]:
-    """Which of this process' cores one of so many workers has."""
+    """Return the cores of this process for worker `index` of `count`."""
     there = sorted(cores())
     if count >= len(there):
         return {there[index % len(there)]}
@@ -146,7 +146,7 @@ def share_of_cores(index: int, count: int) -> set[int]:
 
 
 def keep_to(share: set[int]) -> None:
-    """Keeps every thread of this process, and those that they start, to some cores; on Linux alone."""
+    """Keep every thread of this process, and those that they start, to some cores; on Linux alone."""
     for thread in Path("/proc/self/task").glob("*"):
         with suppress(ProcessLookupError):
             os.sched_setaffinity(int(thread.name), share)

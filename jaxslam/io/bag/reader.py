@@ -38,7 +38,7 @@ def read_bag(
     joint_topic: str | None = None,
     fix_topic: str | None = None,
 ) -> SensorLog:
-    """Reads a ROS bag.
+    """Read a ROS bag.
 
     Understands `sensor_msgs` LaserScan, Imu, JointState and NavSatFix, `nav_msgs/Odometry`, and
     `tf2_msgs/TFMessage` on `/tf_static`; every other topic is counted in `topics` and skipped. A

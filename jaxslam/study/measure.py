@@ -1,4 +1,4 @@
-"""Runs configurations on the sources of a study, those of one program together, and measures them."""
+"""Run configurations on the sources of a study and measure the results; equal programs run together."""
 
 import dataclasses
 import functools
@@ -30,11 +30,11 @@ from jaxslam.study.objectives import Figures
 from jaxslam.study.plan import DRIVE, Plan, Source
 
 TOLERANCE = 0.1
-"""A wall counts as found within so much, meters."""
+"""Largest distance of a mapped wall from a true one, meters."""
 
 
 class TrialError(ValueError):
-    """A configuration whose runs cannot be measured; the message says why."""
+    """A configuration whose runs cannot be measured; the message is the reason."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,11 @@ class LoadedSource:
     """A source in memory.
 
     Attributes:
-        log: what is mapped.
-        lidar: name of the preset, or what the scans tell of one that is none.
-        reference: stamps and poses; None for a log without.
-        relations: None for a source without.
-        world: None for a log.
+        log: the log to map.
+        lidar: name of the preset, or the properties detected from the scans if no preset fits.
+        reference: stamps and poses; None if unknown.
+        relations: relations of the benchmark; None if unknown.
+        world: the simulated world; None for a log.
     """
 
     log: SensorLog
@@ -57,11 +57,11 @@ class LoadedSource:
 
 
 def load(source: Source) -> LoadedSource:
-    """Read a log, or drives through a world; once, whatever lidar it is said to have.
+    """Read a log or simulate a drive; the result is cached for all lidars.
 
     Raises:
-        ValueError: a file that cannot be used, one line.
-        OSError: one that cannot be read.
+        ValueError: a file cannot be used, one line.
+        OSError: a file cannot be read.
     """
     loaded = _loaded(dataclasses.replace(source, lidar=None))
     return loaded if source.lidar is None else dataclasses.replace(loaded, lidar=source.lidar)
@@ -71,7 +71,7 @@ def load(source: Source) -> LoadedSource:
 def _loaded(source: Source) -> LoadedSource:
     if source.world is not None:
         world, waypoints = make_world(source.world)
-        # Another key than the filters', which know nothing of the simulator's noise.
+        # Another key than the filters', so that their noise is independent of the simulator's.
         key = jax.random.fold_in(jax.random.key(source.seed), 1)
         simulation = simulate(key, world, waypoints, duration=float(source.duration or DRIVE))
         log = to_log(simulation, source.name, in_world_frame=True)
@@ -95,8 +95,8 @@ def check_source(plan: Plan, source: Source) -> None:
     """Measure the odometry of a source, before any run is made.
 
     Raises:
-        ValueError: it has none, or nothing that it could be measured by; one line.
-        OSError: it cannot be read.
+        ValueError: the source has no odometry, or no overlap with its reference; one line.
+        OSError: the source cannot be read.
     """
     loaded = load(source)
     configuration = plan.configuration({}, loaded.lidar)
@@ -114,8 +114,8 @@ def measure(
 ) -> list[Figures | TrialError]:
     """Return the figures of every configuration on one source, or the reason for a failure.
 
-    Configurations that differ in traced numbers only share a program, and run together, unless the time of
-    each is to be told.
+    Configurations that differ only in traced numbers share a program. They run together, unless time is an
+    objective.
     """
     loaded = load(source)
     found: list[Figures | TrialError | None] = [None] * len(settings)
@@ -136,7 +136,7 @@ def measure(
         try:
             result = run_many(first, scans, keys, filters, maps="map" in plan.objectives)
         except (ValueError, jax.errors.JaxRuntimeError) as error:
-            # XLA's may go on for pages.
+            # Messages of XLA can be pages long.
             reason = str(error).strip().partition("\n")[0]
             for index, *_ in members:
                 found[index] = TrialError(reason)

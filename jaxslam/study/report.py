@@ -1,4 +1,4 @@
-"""What a study found: tables, importances, pictures, and the best configurations as files."""
+"""Report of a study: tables, importances, plots, and the best configurations as files."""
 
 import dataclasses
 import json
@@ -25,14 +25,14 @@ from jaxslam.viz import style
 SHOWN = 10
 """Trials in the printed table."""
 FEWEST = 5
-"""With fewer trials nothing is said of what matters."""
+"""With fewer trials, importances are not computed."""
 _MOST_TICKS = 5
 _ABSENT = -0.1
 """Height in the parallel coordinates of a trial that has no such parameter."""
 _WIDE = 20.0
-"""Where one value is so many times the median, the scale is logarithmic."""
+"""The scale is logarithmic if the largest value exceeds the median by this factor."""
 _APART = 0.045
-"""Distance of two numbers at the Pareto front, as a share of the axes."""
+"""Smallest distance of two trial numbers on the Pareto front, as a share of the axes."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +40,13 @@ class Summary:
     """A study at a glance.
 
     Attributes:
-        objectives: their names.
+        objectives: names of the objectives.
         complete: trials with values, best first (by the first objective).
-        failed: trials without, and why.
-        lost: how many trials were left behind by processes that were killed, or are in flight.
-        front: those of `complete` than which none is better in all objectives; of one objective, the best.
-        importances: for every objective the share of its variance by parameter; empty where too few trials
-            are there to tell.
+        failed: number and reason of every failed trial.
+        lost: number of trials that are in flight, or were left behind by killed processes.
+        front: the Pareto front of `complete`; for one objective, the best trial.
+        importances: share of every parameter in an objective's variance, by objective; empty if there are
+            too few trials.
     """
 
     objectives: tuple[str, ...]
@@ -69,7 +69,7 @@ class Summary:
 
 
 def summarize(store: Store, objectives: Sequence[str]) -> Summary:
-    """Look through a study."""
+    """Collect the trials and importances of a study."""
     trials = store.trials()
     complete = [trial for trial in trials if trial.state == TrialState.COMPLETE]
     failed = [(trial.number, reason) for trial in trials if (reason := failure(trial)) is not None]
@@ -104,7 +104,7 @@ def importance_table(summary: Summary) -> str:
     """Return the share of each parameter in an objective's variance as a Markdown table."""
     names = list(dict.fromkeys(name for shares in summary.importances.values() for name in shares))
     if not names:
-        return "Too few trials to tell which parameters matter."
+        return "Too few trials to estimate which parameters matter."
     labels = [OBJECTIVES[name].label for name in summary.objectives]
     lines = ["| importance for | " + " | ".join(names) + " |", "|" + "---|" * (1 + len(names))]
     for objective, label in zip(summary.objectives, labels, strict=True):
@@ -115,12 +115,12 @@ def importance_table(summary: Summary) -> str:
 
 
 def write_report(folder: Path, store: Store, plan: dict[str, Any]) -> Summary:
-    """Write `report.md`, `trials.json`, `best.toml` (and one file for each of the front) and pictures.
+    """Write `report.md`, `trials.json`, `best.toml` (and one file per trial of the front) and plots.
 
     Args:
-        folder: exists.
+        folder: an existing folder.
         store: the study.
-        plan: what describes it, as in the storage.
+        plan: the description of the plan, as in the storage.
 
     Raises:
         ValueError: no trial has values.
@@ -128,15 +128,13 @@ def write_report(folder: Path, store: Store, plan: dict[str, Any]) -> Summary:
     """
     summary = summarize(store, plan["objectives"])
     best = summary.best
-    # What an earlier report has said, and this one may not say again.
+    # Files of an earlier report that this report may not write again.
     for path in (*folder.glob("front-*.toml"), folder / "importance.png"):
         path.unlink(missing_ok=True)
     several = len(summary.objectives) > 1
     text = [f"# {store.study.study_name}", counts(summary), trial_table(summary), importance_table(summary)]
     if several:
-        text.insert(
-            3, "Than a trial with a star none is better in all objectives: they are the Pareto front."
-        )
+        text.insert(3, "Stars mark the Pareto front: no other trial is better in all objectives.")
     (folder / "report.md").write_text("\n\n".join(text) + "\n", encoding="utf-8")
     rows = [
         {"number": trial.number, "values": trial.values, "settings": trial.params, "failure": failure(trial)}
@@ -166,7 +164,8 @@ def counts(summary: Summary) -> str:
 def write_configuration(path: Path, plan: dict[str, Any], settings: dict[str, Scalar]) -> None:
     """Write a trial's complete configuration as TOML for `jaxslam run --config`.
 
-    A lidar that is not tuned is left out: the log chooses. One that is, is that of the first source.
+    If no setting of the lidar is tuned, the file has no lidar, and `run` detects it from the log. Otherwise
+    it has the lidar of the first source.
     """
     start = starting_with(plan["sources"][0]["lidar"])
     configuration = with_settings(with_settings(start, plan["base"]), settings)
@@ -207,7 +206,7 @@ def _draw_history(figure: Figure, summary: Summary) -> None:
         ax.plot(numbers, reached, "o", color=style.NEUTRAL, markersize=3.5, label="trial")
         ax.step(numbers, best, where="post", color=style.ESTIMATE, label="best so far")
         if failed:
-            # They have no value: on the lower edge, whatever the scale is.
+            # Failed trials have no value: draw them on the lower edge, whatever the scale is.
             edge = ax.get_xaxis_transform()
             ax.plot(
                 failed,
@@ -233,7 +232,7 @@ def draw_parallel(figure: Figure, summary: Summary) -> None:
     for index in range(len(summary.objectives)):
         columns.append(_column([trial.values[index] for trial in summary.complete]))
     worst = len(summary.complete) - 1
-    # The best are drawn last, on top of the others.
+    # Draw the best trials last, on top of the others.
     for rank in range(worst, -1, -1):
         shade = 0.85 * rank / max(worst, 1)
         line = [heights[rank] for heights, _ in columns]
@@ -277,7 +276,7 @@ def _setting_column(summary: Summary, name: str) -> tuple[list[float], dict[floa
     there, ticks = _column([trial.params[name] for trial in having], log)
     heights = dict(zip((trial.number for trial in having), there, strict=True))
     if len(having) < len(summary.complete):
-        # Below its axis, those whose parts have no such setting.
+        # Trials without this setting are drawn below its axis.
         ticks[_ABSENT] = "none"
     return [heights.get(trial.number, _ABSENT) for trial in summary.complete], ticks
 
@@ -304,7 +303,7 @@ def _is_wide(values: Sequence[Any]) -> bool:
 
 def _draw_importances(figure: Figure, summary: Summary) -> None:
     axes = figure.subplots(1, len(summary.objectives), squeeze=False, sharey=True)[0]
-    # In one order for all, that of the first objective.
+    # All objectives use the order of the first one.
     names = list(dict.fromkeys(name for shares in summary.importances.values() for name in shares))[::-1]
     for ax, objective in zip(axes, summary.objectives, strict=True):
         shares = summary.importances[objective]
@@ -317,7 +316,7 @@ def _draw_importances(figure: Figure, summary: Summary) -> None:
 def _draw_front(figure: Figure, summary: Summary) -> None:
     ax = figure.subplots()
     ax.plot(*_objectives(summary.complete), "o", color=style.NEUTRAL, markersize=4, label="trial")
-    # Between two of them nothing is known to be reached but the worse of both in each objective.
+    # Between two trials of the front, only the worse value of both is known to be reachable.
     front = _objectives(summary.front)
     ax.step(*front, "o-", where="post", color=style.REFERENCE, linewidth=1.2, label="Pareto front")
     if _is_wide(front[0]) or _is_wide(_objectives(summary.complete)[0]):
@@ -330,7 +329,7 @@ def _draw_front(figure: Figure, summary: Summary) -> None:
     labelled: list[Any] = []
     for trial in summary.front:
         at = ax.transAxes.inverted().transform(ax.transData.transform(trial.values))
-        # Where they lie close together their numbers would cover each other.
+        # Numbers of trials that lie close together would overlap.
         if all(np.abs(at - other).max() > _APART for other in labelled):
             labelled.append(at)
             ax.annotate(
@@ -361,7 +360,7 @@ def _importances(study: optuna.Study, index: int) -> dict[str, float]:
                 target=lambda trial: trial.values[index],
             )
         except (ValueError, RuntimeError):
-            # All are of one value, or have no parameter in common.
+            # All trials have the same value, or no parameter in common.
             return {}
 
 

@@ -1,4 +1,4 @@
-"""The trials of a study: ask for settings, run them, tell what they were worth."""
+"""The trials of a study: ask the sampler for settings, run them, and report their objectives."""
 
 import dataclasses
 import time
@@ -20,18 +20,18 @@ from jaxslam.study.space import Parameter
 from jaxslam.study.storage import Store, failure, open_study
 
 HOPELESS = 5
-"""If so many trials fail before one succeeds, something is wrong with all of them."""
+"""A study stops if its first trials, this many, all fail."""
 
 
 @dataclass(frozen=True)
 class TrialResult:
-    """A trial that came to an end.
+    """A finished trial.
 
     Attributes:
-        number: in the study.
-        settings: what was tried.
-        values: its objectives, or why there are none.
-        seconds: that it took, with all that ran beside it.
+        number: number in the study.
+        settings: settings by dotted name.
+        values: the objectives, or the reason for the failure.
+        seconds: duration of the batch in which the trial ran.
     """
 
     number: int
@@ -43,7 +43,7 @@ class TrialResult:
 def keep_programs(folder: Path) -> None:
     """Cache compiled programs in a folder, shared with other workers and later sessions."""
     if jax.config.jax_compilation_cache_dir != str(folder):  # type: ignore[attr-defined]
-        # Else JAX stays with what it has settled for when it compiled first.
+        # Without a reset, JAX keeps the cache that it chose at its first compilation.
         compilation_cache.reset_cache()
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
@@ -53,8 +53,8 @@ def with_lidars(plan: Plan) -> Plan:
     """Return the plan with the lidar of every source, detected from its scans.
 
     Raises:
-        ValueError: a source, held out or not, has no odometry, or nothing that it could be measured by.
-        OSError: one cannot be read.
+        ValueError: a source, held out or not, has no odometry or no overlap with its reference.
+        OSError: a source cannot be read.
     """
     for source in (*plan.sources, *plan.held_out):
         check_source(plan, source)
@@ -85,20 +85,20 @@ def run_trials(plan: Plan, url: str, on_trial: Callable[[Store, TrialResult], No
     with Interrupts() as interrupts:
         store = open_study(plan, url)
         while (count := len(store.finished())) < plan.trials:
-            for told in run_batch(plan, store, min(plan.batch, plan.trials - count), interrupts):
-                on_trial(store, told)
+            for result in run_batch(plan, store, min(plan.batch, plan.trials - count), interrupts):
+                on_trial(store, result)
             check_hope(store)
     return store
 
 
 def run_batch(plan: Plan, store: Store, count: int, interrupts: Interrupts) -> list[TrialResult]:
-    """Ask for so many trials, runs those of one program together, and tells each when all are done.
+    """Ask for a batch of trials, run those that share a program together, and record all outcomes.
 
     Args:
-        plan: of the study.
+        plan: plan of the study.
         store: the study.
-        count: how many trials.
-        interrupts: let through while they run; then they are lost.
+        count: number of trials.
+        interrupts: lets Ctrl-C through while the trials run; interrupted trials are lost.
     """
     store.fail_stale_trials()
     started = time.perf_counter()
@@ -127,7 +127,7 @@ def evaluate(
     """Return the objectives of every configuration, averaged over sources, or the reason for a failure."""
     by_source: list[list[Figures | TrialError]] = []
     for source in sources:
-        # What failed on one source is not run on the others.
+        # Settings that failed on one source are not run on the others.
         left = [index for index in range(len(settings)) if not _failed(by_source, index)]
         found: list[Figures | TrialError] = [TrialError("")] * len(settings)
         for index, each in zip(left, measure(plan, source, seeds, [settings[i] for i in left]), strict=True):
@@ -164,14 +164,14 @@ def held_out_table(
     """Compare tuned settings with the base, on the data used for tuning and on held-out data.
 
     Returns:
-        Rows of a name and two outcomes of `evaluate`: of the base, and of the tuned settings.
+        Rows with a name and two outcomes of `evaluate`: one for the base and one for the tuned settings.
     """
     rows = [
         ("tuned on, its seeds", plan.sources, plan.seeds),
         ("tuned on, other seeds", plan.sources, plan.held_out_seeds),
     ]
     rows += [(f"held out: {source.name}", (source,), plan.held_out_seeds) for source in plan.held_out]
-    # One by one: what runs beside it would count in its time.
+    # One by one: configurations that run together would add to each other's time.
     found = []
     for name, sources, seeds in rows:
         before, after = (evaluate(plan, sources, seeds, [tried])[0] for tried in ({}, settings))

@@ -1,4 +1,4 @@
-"""A search space: named settings, each with an interval or with choices."""
+"""The search space of a study: named settings, each with an interval or with choices."""
 
 import dataclasses
 import difflib
@@ -15,22 +15,22 @@ from jaxslam.config.slam import METHODS, SlamConfig
 
 METHOD = "method"
 VALUES_OF_A_SIZE = 5
-"""A number on which the program depends takes so many values, unless the space has a step for it, or a
+"""Number of values of a setting that changes the compiled program, unless the space gives it a step or a
 logarithmic scale."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One dimension.
+    """One dimension of the search space.
 
     Attributes:
-        name: dotted, as in `jaxslam config`, or `method`.
-        choices: to choose from; empty for an interval.
+        name: dotted name, as in `jaxslam config`, or `method`.
+        choices: the choices; empty for an interval.
         low: lower end of the interval, included.
-        high: its upper end, included.
-        step: between values; None where they are continuous.
-        log: whether equal ratios count as equal steps.
-        whole: whether it is a whole number.
+        high: upper end of the interval, included.
+        step: distance between values; None if they are continuous.
+        log: whether the scale is logarithmic.
+        whole: whether the values are whole numbers.
     """
 
     name: str
@@ -72,27 +72,27 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Space:
-    """All parameters; those that choose a part come first."""
+    """A search space; parameters that choose a part of the filter come first."""
 
     parameters: tuple[Parameter, ...]
 
     @classmethod
     def of(cls, tables: Mapping[str, Any], base: SlamConfig) -> "Space":
-        """Read and checks a space.
+        """Read and check a space.
 
         Args:
-            tables: by name, `[choice, …]` or `{low, high, step, log}` or `{choices}`.
-            base: the filter that is searched around.
+            tables: `[choice, …]` or `{low, high, step, log}` or `{choices}` by name.
+            base: the configuration that provides all other settings.
 
         Raises:
-            ValueError: an empty space, an unknown name (the nearest is named), an interval that is none.
+            ValueError: an empty space, an unknown name (the nearest is named), or an invalid interval.
         """
         if not tables:
             raise ValueError(
                 'the space is empty: give [space] some settings, such as "sensor.sigma_hit" = '
                 "{ low = 0.02, high = 0.3, log = true }"
             )
-        # What chooses a part decides which other names there are.
+        # The choice of a part determines which other names exist.
         names = sorted(tables, key=lambda name: not (name == METHOD or name.endswith("." + KIND)))
         kinds = {METHOD: next(iter(METHODS))}
         parts = [
@@ -160,7 +160,7 @@ def _parameter(name: str, table: Any, known: Mapping[str, Scalar]) -> Parameter:
             raise ValueError(f"{where}: give a list of choices, and nothing beside it")
         for choice in choices:
             if not isinstance(choice, bool | int | float | str):
-                raise ValueError(f"{where}: {choice!r} is no choice: give numbers, text, true or false")
+                raise ValueError(f"{where}: {choice!r} is not a choice: give numbers, text, true or false")
             if choices.count(choice) > 1:
                 raise ValueError(f"{where}: {choice!r} is given twice among the choices")
         return Parameter(name, choices=tuple(choices))
@@ -168,12 +168,12 @@ def _parameter(name: str, table: Any, known: Mapping[str, Scalar]) -> Parameter:
     if unknown:
         raise ValueError(f"{where} has no {unknown[0]!r}: there are low, high, step, log and choices")
     if isinstance(value, bool | str):
-        raise ValueError(f"{where} is no number: give a list of choices")
+        raise ValueError(f"{where} is not a number: give a list of choices")
     if not {"low", "high"} <= set(table):
         raise ValueError(f"{where}: give low and high")
     for key in ("low", "high", "step"):
         number = table.get(key, 0)
-        # A whole number may be too large for a float.
+        # An int may be too large for a float.
         if type(number) not in (int, float) or not abs(number) <= sys.float_info.max:
             raise ValueError(f"{where}: {key} is {number!r}: give a finite number")
         if isinstance(value, int) and not isinstance(number, int):

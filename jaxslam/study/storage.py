@@ -1,4 +1,4 @@
-"""Where the trials of a study are kept: a SQLite file, or any database that SQLAlchemy has a URL for."""
+"""Storage of a study: a SQLite file, or any database with an SQLAlchemy URL."""
 
 import threading
 import warnings
@@ -20,7 +20,7 @@ from optuna.trial import FrozenTrial, TrialState
 from jaxslam.study.plan import Plan
 
 HEARTBEAT, GRACE = 10, 30
-"""Seconds between two signs of life of a trial, and after which one without counts as lost."""
+"""Seconds between two heartbeats of a trial, and seconds without a heartbeat until it counts as lost."""
 _ATTEMPTS = 20
 _PLAN = "plan"
 _FAILURE = "failure"
@@ -50,8 +50,8 @@ class Store:
     """A study in its storage.
 
     Attributes:
-        study: Optuna's.
-        storage: that keeps it.
+        study: the Optuna study.
+        storage: the storage that holds it.
     """
 
     study: optuna.Study
@@ -64,12 +64,12 @@ class Store:
     def finished(self) -> list[FrozenTrial]:
         """Return the finished trials: with values, or with a recorded failure.
 
-        Those that a killed process left behind are neither, and are made up for.
+        A trial left behind by a killed process is neither; the study runs another one in its place.
         """
         return [trial for trial in self.trials() if trial.state == TrialState.COMPLETE or failure(trial)]
 
     def fail_stale_trials(self) -> None:
-        """Mark the trials of which nothing was heard any more as failed."""
+        """Mark trials whose heartbeat has stopped as failed."""
         with _known_warnings():
             optuna.storages.fail_stale_trials(self.study)
 
@@ -79,8 +79,8 @@ class Store:
             return [self.study.ask() for _ in range(count)]
 
     def tell(self, trial: optuna.Trial, outcome: Sequence[float] | str) -> None:
-        """Record the values of a trial, or why there are none."""
-        # Who slept for longer than the grace, as computers do, has been given up by another process.
+        """Record the values of a trial, or the reason for its failure."""
+        # If this computer slept for longer than the grace period, another process has failed the trial.
         with suppress(UpdateFinishedTrialError):
             if isinstance(outcome, str):
                 trial.set_user_attr(_FAILURE, outcome)
@@ -89,7 +89,7 @@ class Store:
                 self.study.tell(trial, list(outcome), skip_if_finished=True)
 
     def give_up(self, trials: Sequence[optuna.Trial]) -> None:
-        """Mark trials as lost, of which nobody knows what they are worth."""
+        """Mark trials as lost: their values are unknown."""
         for trial in trials:
             self.study.tell(trial, state=TrialState.FAIL, skip_if_finished=True)
 
@@ -108,11 +108,11 @@ class Store:
 
         def beat_on() -> None:
             while not done.wait(HEARTBEAT):
-                # A storage that cannot be reached now may be at the next beat.
+                # A storage that is unreachable now may be back at the next heartbeat.
                 with suppress(sqlalchemy.exc.SQLAlchemyError, StorageInternalError):
                     beat()
 
-        # Optuna waits for ever for a trial that never gave one.
+        # Optuna never fails a trial without a first heartbeat.
         beat()
         thread = threading.Thread(target=beat_on, daemon=True)
         thread.start()
@@ -132,11 +132,11 @@ def connect(url: str) -> RDBStorage:
     """Open a storage and create its tables if they are missing.
 
     Raises:
-        ValueError: it cannot be opened or written; one line.
+        ValueError: the storage cannot be opened or written; one line.
     """
     # Workers wait for each other's writes.
     arguments = {"timeout": 60} if url.startswith("sqlite") else {}
-    # Without its driver, and with the tables of another version of Optuna.
+    # ImportError: the driver is missing. RuntimeError: the tables are of another version of Optuna.
     with storage_errors(url, ImportError, RuntimeError), _known_warnings():
         for _ in range(_ATTEMPTS):
             try:
@@ -147,11 +147,11 @@ def connect(url: str) -> RDBStorage:
                     grace_period=GRACE,
                 )
             except sqlalchemy.exc.DBAPIError as error:
-                # Another process has made the same table between our look and our making it.
+                # Another process has created the same table between the check and the creation.
                 made = isinstance(error, sqlalchemy.exc.IntegrityError) or "already exists" in str(error.orig)
                 if not made:
                     raise
-        raise RuntimeError("its tables are there and are not")
+        raise RuntimeError(f"its tables could not be created in {_ATTEMPTS} attempts")
 
 
 @contextmanager
@@ -168,7 +168,7 @@ def open_study(plan: Plan, url: str) -> Store:
     """Open the study of a plan in a storage, and create it if it is missing.
 
     Raises:
-        ValueError: the storage has a study of that name by another plan, or cannot be written.
+        ValueError: the storage has a study of that name with another plan, or cannot be written.
     """
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     storage = connect(url)
@@ -199,14 +199,14 @@ def load_study(url: str, name: str | None) -> tuple[Store, dict[str, Any]]:
     """Load a study for a report, and the description of its plan.
 
     Raises:
-        ValueError: there is none, or not the one that was named, or several of which none was.
+        ValueError: the storage has no study, no study of that name, or several studies and no name is given.
     """
     with storage_errors(url, ImportError):
         parts = sqlalchemy.make_url(url)
         is_file = parts.get_backend_name() == "sqlite" and parts.database and not parts.query
         if is_file and not Path(parts.database or "").exists():
             raise ValueError(f"{parts.database} is not there: give the storage of a study")
-        # Optuna would make its tables in any database: who only looks changes none.
+        # Optuna would create its tables in any database, but a report must not change one.
         engine = sqlalchemy.create_engine(parts)
         has_tables = sqlalchemy.inspect(engine).has_table("studies")
         engine.dispose()
@@ -229,7 +229,7 @@ def load_study(url: str, name: str | None) -> tuple[Store, dict[str, Any]]:
 @contextmanager
 def _known_warnings() -> Iterator[None]:
     with warnings.catch_warnings():
-        # Optuna has had signs of life as an experiment since its version 2; `alive` gives them here.
+        # Heartbeats have been experimental in Optuna since version 2; here `alive` sends them.
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
         warnings.filterwarnings("ignore", "Heartbeat of storage", UserWarning)
         yield
@@ -241,9 +241,9 @@ def _reason(error: BaseException) -> str:
 
 
 class _ByNumber(BaseSampler):
-    """A sampler whose draws hang on the trial's number only.
+    """A sampler whose draws depend on the trial's number only.
 
-    Those who go on with a study, or share it, would otherwise draw the same numbers again: the same trials.
+    Otherwise sessions that continue or share a study would draw the same random numbers and repeat trials.
     """
 
     def __init__(self, make: Callable[[int], BaseSampler]):
@@ -287,7 +287,7 @@ class _ByNumber(BaseSampler):
 def _sampler(plan: Plan, number: int) -> BaseSampler:
     seed = int(np.random.SeedSequence((plan.sampler_seed, number)).generate_state(1)[0])
     if plan.sampler == "cma-es":
-        # It cannot choose: choices, and what only some of them have, are drawn.
+        # CMA-ES cannot handle choices: they, and parameters that depend on them, are drawn at random.
         return CmaEsSampler(seed=seed, warn_independent_sampling=False)
     if plan.sampler == "nsga-ii":
         return NSGAIISampler(seed=seed, population_size=max(4, min(50, plan.trials // 4)))

@@ -1,8 +1,8 @@
-"""Configurations as named scalars: the one mechanism under flags, TOML and `--set`.
+"""Configurations as named scalars: the common mechanism behind flags, TOML and `--set`.
 
 A configuration is a tree of frozen dataclasses, and so is a filter. Its scalars have dotted names, such as
-`proposal.fine.sigma_cells`; a part that can be chosen from several classes also has a `kind`, such as
-`proposal.kind`. Everything is derived from the fields: a new field needs no line here. Arrays and devices are
+`proposal.fine.sigma_cells`. A part that can be chosen from several classes also has a `kind`, such as
+`proposal.kind`. Names are derived from the fields, so a new field needs no code here. Arrays and devices are
 not settings.
 """
 
@@ -18,7 +18,7 @@ Scalar = bool | int | float | str
 Tree = TypeVar("Tree")
 KIND = "kind"
 UNSET = "unset"
-"""Key in the metadata of a field that may be None: the part that changes of its settings start from."""
+"""Metadata key of a field that may be None: changing one of its settings starts from this part."""
 
 
 def flatten(tree: object) -> dict[str, Scalar]:
@@ -34,17 +34,17 @@ def descriptions(tree: object) -> dict[str, str]:
 def update(tree: Tree, changes: Mapping[str, object], *, exact: bool = False) -> Tree:
     """Return a configuration with several scalars changed at once.
 
-    Choices (`proposal.kind`, or `proposal` for short) come first: a part of another class starts from
-    that class' defaults, and the other changes may name its fields.
+    Choices (`proposal.kind`, or `proposal` for short) are applied first: a part of another class starts from
+    the defaults of that class, and the other changes may name its fields.
 
     Args:
         tree: the configuration.
         changes: new values by dotted name.
-        exact: demand whole names; otherwise any last parts that fit only one name will do.
+        exact: require full names; otherwise names can be abbreviated to any unambiguous suffix.
 
     Raises:
-        ValueError: an unknown or ambiguous name (the nearest is named), a value of the wrong type, not
-            finite, or out of range.
+        ValueError: a name is unknown or ambiguous (the nearest is named), or a value has the wrong type, is
+            not finite, or is out of range.
     """
     rest = dict(changes)
     while chosen := next(((name, full) for name in rest if (full := _choice(tree, name, exact))), None):
@@ -66,7 +66,7 @@ def parse_assignment(text: str) -> tuple[str, Scalar]:
         `parse_assignment("num_particles=50")` is `("num_particles", 50)`.
 
     Raises:
-        ValueError: there is no name or no `=`.
+        ValueError: the name or the `=` is missing.
     """
     name, equals, value = (part.strip() for part in text.partition("="))
     if not (name and equals and value):
@@ -90,11 +90,11 @@ def _walk(
     tree: object, prefix: str, declared: object = None, *, fill: bool = False, explain: bool = False
 ) -> Iterator[tuple[str, Scalar, str]]:
     meanings = _attributes(type(tree)) if explain else {}
-    # A part that is declared as one class is no choice, though others could be in the place of such a one.
+    # A field declared with a concrete class is not a choice, even if that class is a registered variant.
     if declared in VARIANTS:
         yield prefix + KIND, kind(tree), f"one of {', '.join(choices(tree))}"
     fields = dataclasses.fields(tree)  # type: ignore[arg-type]
-    # Scalars first: in TOML they would otherwise belong to the table of the part before them.
+    # Scalars come first: in TOML they would otherwise belong to the table of the previous part.
     for field in fields:
         value = getattr(tree, field.name)
         if _is_scalar(value):
@@ -146,7 +146,7 @@ def _resolve(name: str, names: list[str], exact: bool) -> str:
         raise ValueError(f"{name!r} could be {', '.join(fits)}: give more of the name")
     raise ValueError(
         f"no setting is called {name!r}: did you mean {_nearest(name, names)!r}? "
-        "`jaxslam config` prints those of `run`, and `config.toml` of a run folder has all of that run"
+        "`jaxslam config` prints the settings of `run`, and `config.toml` in a run folder has all of that run"
     )
 
 
@@ -195,7 +195,7 @@ def _converted(name: str, value: object, annotation: object) -> Scalar:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if annotation is int:
         count = _of_type(name, value, is_number and isinstance(value, int), "a whole number", int)
-        # What is counted, particles, beams, cells or iterations, is there at least once.
+        # Every count (particles, beams, cells, iterations) is at least 1.
         return _of_type(name, value, count >= 1, "1 or more", int)
     number = _of_type(name, value, is_number, "a number", float)
     return _of_type(name, value, math.isfinite(number), "a finite number", float)

@@ -1,4 +1,4 @@
-"""Configurations as TOML files that explain themselves."""
+"""Configurations as TOML files in which a comment explains every setting."""
 
 import textwrap
 import tomllib
@@ -35,7 +35,7 @@ def dumps(configuration: Module) -> str:
 
 
 def save(path: str | Path, configuration: Module) -> None:
-    """Write a configuration; `load` gives the same one back.
+    """Write a configuration; `load` returns an equal one.
 
     Raises:
         OSError: the file cannot be written.
@@ -47,7 +47,7 @@ def read_settings(path: str | Path) -> dict[str, object]:
     """Read the values of a TOML file by dotted name, without checking them against a configuration.
 
     Raises:
-        ValueError: the file is not TOML; one line that says where.
+        ValueError: the file is not TOML; the one-line message has the position.
         OSError: the file cannot be read.
     """
     try:
@@ -62,10 +62,10 @@ def read_settings(path: str | Path) -> dict[str, object]:
 
 
 def load(path: str | Path, base: SlamConfig | None = None) -> SlamConfig:
-    """Read a configuration; what the file does not name is taken from `base` (None: the defaults).
+    """Read a configuration; settings missing from the file are taken from `base` (None: the defaults).
 
     Raises:
-        ValueError: the file is not TOML, or a name or value in it is wrong; one line.
+        ValueError: the file is not TOML, or a name or value in it is invalid; one line.
         OSError: the file cannot be read.
     """
     return apply(path, read_settings(path), SlamConfig() if base is None else base)
@@ -75,9 +75,9 @@ def named(table: Mapping[str, object], leaves: Collection[str] = (), prefix: str
     """Flatten nested tables to dotted names; choices of parts come before their settings.
 
     Args:
-        table: as TOML has it.
-        leaves: keys by which a table is known to be a value, and not a part of the configuration.
-        prefix: of all names.
+        table: nested tables, as parsed from TOML.
+        leaves: keys that mark a table as a value instead of a part of the configuration.
+        prefix: prefix of all names.
     """
     found: list[tuple[str, object]] = []
     for key, value in table.items():

@@ -1,4 +1,4 @@
-"""How far a log's scans lag behind its odometry, from the turning that both saw."""
+"""Time lag between a log's scans and its odometry, estimated from the rotation in both."""
 
 from dataclasses import dataclass
 
@@ -10,36 +10,37 @@ from jaxslam.core.trajectory import interpolate_poses
 from jaxslam.io.log import OdometryTrack, ScanTrack
 
 _MAX_TURN = 0.4
-"""Largest rotation between two scans that is looked for, radians."""
+"""Largest rotation between two scans that is searched, radians."""
 _MAX_BEAMS = 360
-"""Beams compared; more are thinned."""
+"""Most beams to compare; more are thinned."""
 _MIN_BEAMS = 10
-"""Fewer do not show a rotation."""
+"""Fewest beams that show a rotation."""
 _MAX_PAIRS = 800
-"""Pairs of scans compared; more are thinned."""
+"""Most pairs of scans to compare; more are thinned."""
 _MIN_PAIRS = 30
-"""Fewer turning pairs say nothing."""
+"""Fewest pairs with rotation that are enough for an estimate."""
 _MIN_RATE = 0.1
-"""Pairs count while the robot turns at least so fast, rad/s."""
+"""Smallest turning rate of a pair, rad/s."""
 _INTERVALS = (0.02, 0.5)
-"""Shortest and longest time between the scans of a pair, seconds: over longer ones the rates blur."""
+"""Shortest and longest time between the scans of a pair, seconds: longer intervals average the rates."""
 _FAR = 5.0
-"""Ranges are cut off here, meters: what is far looks the same after a step."""
+"""Ranges are clipped here, meters: far points hardly change when the robot moves."""
 _STEP = 0.02
-"""Lags tried are so far apart, seconds."""
+"""Step between tested lags, seconds."""
 _MIN_CORRELATION = 0.75
 _MIN_DROP = 0.03
-"""How much lower than at its peak the correlation must be `_DROP_AT` to either side of it."""
+"""Smallest drop of the correlation from its peak to `_DROP_AT` on either side."""
 _DROP_AT = 0.2
+"""Seconds."""
 
 
 @dataclass(frozen=True)
 class ScanLag:
-    """When scans were taken, by the odometry's clock.
+    """The time of the scans on the odometry's clock.
 
     Attributes:
-        seconds: from a scan's stamp to the middle of its sweep; negative: it was stamped late.
-        correlation: of the turning rates of both at this lag, up to 1.
+        seconds: time from a scan's stamp to the middle of its sweep; negative if the stamp is late.
+        correlation: correlation of both turning rates at this lag, up to 1.
     """
 
     seconds: float
@@ -49,17 +50,17 @@ class ScanLag:
 def estimate_lag(scans: ScanTrack, odometry: OdometryTrack, max_lag: float) -> ScanLag | None:
     """Estimate the lag at which the rotation seen in the scans agrees best with the odometry's.
 
-    Each scan is turned against the one before it until both look most alike; the rates found are
-    correlated with the odometry's at every lag.
+    Each scan is rotated to match the previous one; the resulting turning rates are correlated with the
+    odometry's at every lag.
 
     Args:
-        scans: with NaN where there was no return.
-        odometry: poses around them.
-        max_lag: lags of up to so many seconds either way are looked at.
+        scans: scans with NaN for no return.
+        odometry: odometry over the same time.
+        max_lag: largest lag to test in either direction, seconds.
 
     Returns:
-        None where the log cannot tell: it turns too little, its scans are too far apart, or the
-        correlation has no clear peak.
+        The lag. None if the robot turns too little, the scans are too far apart, or the correlation has no
+        clear peak.
     """
     pairs = _turning_pairs(scans, odometry, max_lag)
     if len(pairs) < _MIN_PAIRS or scans.ranges.shape[1] < _MIN_BEAMS:
@@ -113,7 +114,7 @@ def _rotations(scans: ScanTrack, pairs: Int[np.ndarray, "P"]) -> Float64[np.ndar
     stride = -(-scans.ranges.shape[1] // _MAX_BEAMS)
     with np.errstate(invalid="ignore"):
         cut = np.minimum(scans.ranges[:, ::stride].astype(np.float64), _FAR)
-    # No return is as good as a far one; ratios of ranges rather than differences.
+    # Treat no return as a far one, and compare ratios of ranges rather than differences.
     profiles = np.log(np.where(np.isfinite(cut), np.maximum(cut, 0.1), _FAR))
     num_beams = profiles.shape[1]
     step = float(np.median(scans.angle_increment)) * stride

@@ -27,8 +27,8 @@ def correct_scans(log: SensorLog, lidar: LidarRanges) -> tuple[SensorLog, SweepT
     """Return the log with its ranges limited to the lidar's interval and its scans deskewed.
 
     Returns:
-        The log with readings outside of the lidar's interval turned into "no return" (NaN) and the robot's
-        motion during a scan taken out; and what that was found from, None where the log cannot tell.
+        The log, with readings outside the lidar's interval replaced by NaN ("no return") and without the
+        robot's motion during a scan; and the timing used for deskewing, None if it is unknown.
     """
     log = _within_range(log, lidar)
     timing = sweep_timing(log, float(lidar.turn_time), float(lidar.max_lag))

@@ -1,8 +1,7 @@
 """Scores of an estimated occupancy map against a known one.
 
-Scores are counted on the cells of the reference map. The two maps may differ in size, resolution
-and origin, and the estimate may be moved by a pose first. Row 0 is the lowest y, column 0 the
-lowest x.
+Scores are computed on the cells of the reference map. The two maps may differ in size, resolution and
+origin, and the estimate may be moved by a pose first. Row 0 is the lowest y, column 0 the lowest x.
 """
 
 from dataclasses import dataclass
@@ -17,13 +16,11 @@ _SLACK = 1e-6
 
 @dataclass(frozen=True)
 class BinaryMap:
-    """A map reduced to yes and no: which cells are occupied, which are free.
-
-    A cell that is neither is unknown.
+    """A map with two masks: occupied cells and free cells. All other cells are unknown.
 
     Attributes:
         occupied: `[H, W]` true where there is an obstacle.
-        free: `[H, W]` true where it is known that there is none.
+        free: `[H, W]` true where there is certainly no obstacle.
         resolution: side of a cell, meters.
         origin: `[2]` world position of the lower-left corner of cell (0, 0), meters.
     """
@@ -83,7 +80,7 @@ class BinaryMap:
 
 @dataclass(frozen=True)
 class MapScore:
-    """How well an estimated map agrees with the known one.
+    """Agreement of an estimated map with the known one.
 
     Attributes:
         precision: share of the estimate's occupied cells that lie within the tolerance of a
@@ -94,8 +91,8 @@ class MapScore:
         iou: `f1 / (2 − f1)`; with tolerance 0 this is the intersection over union of the cells.
         free_iou: intersection over union of the free cells, without tolerance; None if neither map
             has a free cell.
-        n_estimate: occupied cells of the estimate that count, in reference cells.
-        n_reference: occupied cells of the reference that count.
+        n_estimate: number of occupied cells of the estimate inside the mask, in reference cells.
+        n_reference: number of occupied cells of the reference inside the mask.
     """
 
     precision: float
@@ -117,18 +114,18 @@ def map_score(
 ) -> MapScore:
     """Return precision, recall, F1 and IoU of occupied cells, and IoU of free cells.
 
-    Occupied cells of the estimate travel as points, their centers, so that one-cell walls survive a
-    rotation; free space is looked up the other way, so that it gets no holes.
+    The centers of the estimate's occupied cells are transformed to the reference, so that walls of one cell
+    survive a rotation. Free space is looked up in the opposite direction, so that it gets no holes.
 
     Args:
         reference: the known map.
         estimate: the map to score.
         tolerance_m: an occupied cell is matched if the other map has one whose center is at most
-            this far, meters. 0 asks for the same cell.
+            this far, meters. 0 requires the same cell.
         pose_reference_estimate: `[3]` pose of the estimate's world frame in the reference's (m, m,
             rad), e.g. from `align_se2` of the trajectories; None for the identity.
-        mask: `[H, W]` reference cells that count. None counts every cell, and what the estimate
-            has outside the reference map counts as wrong.
+        mask: `[H, W]` reference cells to score. None scores every cell, and occupied cells of the estimate
+            outside the reference map count as wrong.
 
     Raises:
         ValueError: if the mask has another shape, the tolerance is negative or not finite, the pose
@@ -160,7 +157,7 @@ def map_score(
     n_estimate = int(counted_estimate.sum()) + int((~inside).sum()) * count_outside
     n_reference = int(counted_reference.sum())
     if n_reference == 0:
-        raise ValueError("no occupied cell of the reference map counts: check the map and the mask")
+        raise ValueError("no occupied cell of the reference map is scored: check the map and the mask")
     hits_estimate = int((counted_estimate & _dilate(occupied_reference, radius)).sum())
     hits_reference = int((counted_reference & _dilate(occupied_estimate, radius)).sum())
 

@@ -89,7 +89,7 @@ def absolute_trajectory_error(
         stamps_estimate: `[M]` seconds on the same clock, not decreasing.
         poses_estimate: `[M, 3]` (m, m, rad), in any frame unless `align` is False.
         align: "se2" moves the whole estimate for the least squared position error; "first_pose"
-            puts its first matched pose onto the reference's; False compares as given.
+            moves its first matched pose to the reference's; False compares without alignment.
         max_difference: largest difference of matched stamps, seconds.
 
     Raises:
@@ -123,7 +123,7 @@ def relative_pose_error(
 ) -> TrajectoryError:
     """Return the relative pose error: drift over a fixed number of frames, path length or time.
 
-    The error of the pair (i, j) is the motion left between the two relative motions,
+    The error of the pair (i, j) is the difference of the two relative motions,
     (r_j ⊖ r_i)⁻¹ ⊕ (e_j ⊖ e_i): its translation and rotation. No alignment is needed. `j` is the
     first pose that is `delta` or more after `i`, path and time measured along the reference.
 
@@ -176,7 +176,7 @@ def _pairs(
         progress = stamps - stamps[0]
     else:
         raise ValueError(f"unit is {unit!r}: give 'frames', 'meters' or 'seconds'")
-    # The slack keeps ten steps of 0.1 m or s from being a rounding error short of 1.
+    # With the slack, ten steps of 0.1 m or s reach 1 in spite of rounding.
     end = np.searchsorted(progress, progress + delta - 1e-6, side="left")
     start = np.flatnonzero(end < len(progress))
     if len(start) == 0:

@@ -47,8 +47,8 @@ def sweep_timing(log: SensorLog, turn_time: float, max_lag: float) -> SweepTimin
     """Estimate when the beams of a log's scans were taken.
 
     By default, the timing is the log's own time increment, counted from the stamp, as in a LaserScan. For a
-    log without time increment, a constant rotation and a stamp at the end of the scan are assumed. A different
-    lag estimated from rotations overrides this timing.
+    log without time increment, a constant rotation and a stamp at the end of the scan are assumed. A
+    different lag estimated from rotations overrides this timing.
 
     Args:
         log: a log with scans and odometry.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 if TYPE_CHECKING:
-    from jaxslam.study import Plan, Store, Told
+    from jaxslam.study import Plan, Store, TrialResult
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def execute(command: Study, arguments: list[str]) -> None:
         write_report,
     )
     from jaxslam.study.report import SHOWN, counts, importance_table, trial_table
-    from jaxslam.study.storage import complaints, connect, shown
+    from jaxslam.study.storage import connect, redact_url, storage_errors
 
     plan = read_plan(command.plan)
     if command.trials is not None:
@@ -72,9 +72,9 @@ def execute(command: Study, arguments: list[str]) -> None:
     if command.cluster is None:
         _spread_runs(plan)
     plan = with_few_programs(with_lidars(plan))
-    with complaints(url):
+    with storage_errors(url):
         before = len(open_study(plan, url).finished())
-        _describe(plan, shown(url), before)
+        _describe(plan, redact_url(url), before)
         if command.cluster is None:
             store = run_trials(plan, url, _say)
         else:
@@ -118,7 +118,7 @@ def _describe(plan: "Plan", storage: str, before: int) -> None:
         print(f"space     {parameter}")
 
 
-def _say(store: "Store", told: "Told") -> None:
+def _say(store: "Store", told: "TrialResult") -> None:
     from jaxslam.study.report import cell
 
     settings = " ".join(f"{name}={cell(value)}" for name, value in told.settings.items())

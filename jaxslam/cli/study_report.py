@@ -24,12 +24,12 @@ def execute(command: StudyReport, arguments: list[str]) -> None:
     from jaxslam.report import make_folder
     from jaxslam.study import load_study, storage_url, write_report
     from jaxslam.study.report import counts, importance_table, trial_table
-    from jaxslam.study.storage import complaints
+    from jaxslam.study.storage import storage_errors
 
     url = storage_url(command.storage)
-    with complaints(url):
+    with storage_errors(url):
         store, plan = load_study(url, command.name)
-        store.give_up_lost()
+        store.fail_stale_trials()
         folder = command.out or Path("runs") / f"{store.study.study_name}-study"
         make_folder(folder)
         summary = write_report(folder, store, plan)

@@ -1,16 +1,14 @@
-"""Configurations as named scalars: the one mechanism under flags, TOML and `--set`.
+"""Configurations as named scalars: the common mechanism behind flags, TOML and `--set`.
 
 A configuration is a tree of frozen dataclasses, and so is a filter. Its scalars have dotted names, such as
-`proposal.fine.sigma_cells`; a part that can be chosen from several classes also has a `kind`, such as
-`proposal.kind`. Everything is derived from the fields: a new field needs no line here. Arrays and devices are
+`proposal.fine.sigma_cells`. A part that can be chosen from several classes also has a `kind`, such as
+`proposal.kind`. Names are derived from the fields, so a new field needs no code here. Arrays and devices are
 not settings.
 """
 
 import dataclasses
 import difflib
-import inspect
 import math
-import re
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
@@ -20,33 +18,33 @@ Scalar = bool | int | float | str
 Tree = TypeVar("Tree")
 KIND = "kind"
 UNSET = "unset"
-"""Key in the metadata of a field that may be None: the part that changes of its settings start from."""
+"""Metadata key of a field that may be None: changing one of its settings starts from this part."""
 
 
 def flatten(tree: object) -> dict[str, Scalar]:
-    """Every scalar of a configuration by its dotted name, in the order of the fields."""
+    """Return every scalar of a configuration by its dotted name, in the order of the fields."""
     return {name: value for name, value, _ in _walk(tree, "")}
 
 
 def descriptions(tree: object) -> dict[str, str]:
-    """What each scalar means, from the `Attributes:` of the docstrings; empty where they do not say."""
-    return {name: text for name, _, text in _walk(tree, "")}
+    """Return the meaning of each scalar, from the `Attributes:` of the docstrings; empty if undocumented."""
+    return {name: text for name, _, text in _walk(tree, "", explain=True)}
 
 
 def update(tree: Tree, changes: Mapping[str, object], *, exact: bool = False) -> Tree:
-    """A configuration with some scalars changed, all at once.
+    """Return a configuration with several scalars changed at once.
 
-    Choices (`proposal.kind`, or `proposal` for short) come first: a part of another class starts from
-    that class' defaults, and the other changes may name its fields.
+    Choices (`proposal.kind`, or `proposal` for short) are applied first: a part of another class starts from
+    the defaults of that class, and the other changes may name its fields.
 
     Args:
         tree: the configuration.
         changes: new values by dotted name.
-        exact: demand whole names; otherwise any last parts that fit only one name will do.
+        exact: require full names; otherwise names can be abbreviated to any unambiguous suffix.
 
     Raises:
-        ValueError: an unknown or ambiguous name (the nearest is named), a value of the wrong type, not
-            finite, or out of range.
+        ValueError: a name is unknown or ambiguous (the nearest is named), or a value has the wrong type, is
+            not finite, or is out of range.
     """
     rest = dict(changes)
     while chosen := next(((name, full) for name in rest if (full := _choice(tree, name, exact))), None):
@@ -62,13 +60,13 @@ def update(tree: Tree, changes: Mapping[str, object], *, exact: bool = False) ->
 
 
 def parse_assignment(text: str) -> tuple[str, Scalar]:
-    """Name and value of `name=value`, as `--set` takes it.
+    """Return name and value of `name=value`, as given to `--set`.
 
     Example:
         `parse_assignment("num_particles=50")` is `("num_particles", 50)`.
 
     Raises:
-        ValueError: there is no name or no `=`.
+        ValueError: the name or the `=` is missing.
     """
     name, equals, value = (part.strip() for part in text.partition("="))
     if not (name and equals and value):
@@ -77,7 +75,7 @@ def parse_assignment(text: str) -> tuple[str, Scalar]:
 
 
 def parse_scalar(text: str) -> Scalar:
-    """A value as written on the command line: a whole number, a number, true or false, else text."""
+    """Return a command-line value: a whole number, a number, true or false, else text."""
     if text in ("true", "false"):
         return text == "true"
     for number in (int, float):
@@ -89,14 +87,14 @@ def parse_scalar(text: str) -> Scalar:
 
 
 def _walk(
-    tree: object, prefix: str, declared: object = None, *, fill: bool = False
+    tree: object, prefix: str, declared: object = None, *, fill: bool = False, explain: bool = False
 ) -> Iterator[tuple[str, Scalar, str]]:
-    meanings = _attributes(type(tree))
-    # A part that is declared as one class is no choice, though others could be in the place of such a one.
+    meanings = _attributes(type(tree)) if explain else {}
+    # A field declared with a concrete class is not a choice, even if that class is a registered variant.
     if declared in VARIANTS:
         yield prefix + KIND, kind(tree), f"one of {', '.join(choices(tree))}"
     fields = dataclasses.fields(tree)  # type: ignore[arg-type]
-    # Scalars first: in TOML they would otherwise belong to the table of the part before them.
+    # Scalars come first: in TOML they would otherwise belong to the table of the previous part.
     for field in fields:
         value = getattr(tree, field.name)
         if _is_scalar(value):
@@ -106,7 +104,7 @@ def _walk(
         if value is None and fill:
             value = field.metadata.get(UNSET)
         if dataclasses.is_dataclass(value):
-            yield from _walk(value, f"{prefix}{field.name}.", field.type, fill=fill)
+            yield from _walk(value, f"{prefix}{field.name}.", field.type, fill=fill, explain=explain)
 
 
 def _is_scalar(value: object) -> bool:
@@ -118,25 +116,18 @@ def _plain(value: Any, annotation: object) -> Scalar:
 
 
 def _attributes(class_: type) -> dict[str, str]:
-    """The `Attributes:` section of a Google-style docstring, one line of text per name."""
-    lines = (inspect.getdoc(class_) or "").splitlines()
-    if "Attributes:" not in lines:
-        return {}
-    found: dict[str, str] = {}
-    names: list[str] = []
-    for line in lines[lines.index("Attributes:") + 1 :]:
-        if line and not line.startswith(" "):
-            break
-        entry = re.match(r" {4}(\w+(?:, \w+)*): (.*)", line)
-        names = entry[1].split(", ") if entry else names
-        for name in names:
-            text = entry[2] if entry else line.strip()
-            found[name] = f"{found.get(name, '')} {text}".strip()
-    return found
+    """Return the `Attributes:` section of a Google-style docstring, one line of text per name."""
+    from docstring_parser.google import parse  # With the command-line extra only.
+
+    return {
+        name: " ".join((entry.description or "").split())
+        for entry in parse(class_.__doc__ or "").params
+        for name in entry.arg_name.split(", ")
+    }
 
 
 def _choice(tree: object, name: str, exact: bool) -> str | None:
-    """Full name of the `kind` that a name stands for, or None."""
+    """Return the full name of the `kind` that a name refers to, or None."""
     kinds = [full for full in flatten(tree) if full.endswith("." + KIND)]
     for wanted in (name, f"{name}.{KIND}"):
         fits = [full for full in kinds if full == wanted or (not exact and full.endswith("." + wanted))]
@@ -155,7 +146,7 @@ def _resolve(name: str, names: list[str], exact: bool) -> str:
         raise ValueError(f"{name!r} could be {', '.join(fits)}: give more of the name")
     raise ValueError(
         f"no setting is called {name!r}: did you mean {_nearest(name, names)!r}? "
-        "`jaxslam config` prints those of `run`, and `config.toml` of a run folder has all of that run"
+        "`jaxslam config` prints the settings of `run`, and `config.toml` in a run folder has all of that run"
     )
 
 
@@ -169,7 +160,7 @@ def _nearest(name: str, names: list[str]) -> str:
 
 
 def _rebuild(tree: Any, changes: Mapping[str, object], prefix: str) -> Any:
-    """The tree with the named scalars replaced; parts without a change stay the same objects."""
+    """Return the tree with the named scalars replaced; parts without a change stay the same objects."""
     new: dict[str, object] = {}
     for field in dataclasses.fields(tree):
         name, value = prefix + field.name, getattr(tree, field.name)
@@ -204,7 +195,7 @@ def _converted(name: str, value: object, annotation: object) -> Scalar:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if annotation is int:
         count = _of_type(name, value, is_number and isinstance(value, int), "a whole number", int)
-        # What is counted, particles, beams, cells or iterations, is there at least once.
+        # Every count (particles, beams, cells, iterations) is at least 1.
         return _of_type(name, value, count >= 1, "1 or more", int)
     number = _of_type(name, value, is_number, "a number", float)
     return _of_type(name, value, math.isfinite(number), "a finite number", float)

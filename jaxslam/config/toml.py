@@ -1,43 +1,41 @@
-"""Configurations as TOML files that explain themselves."""
+"""Configurations as TOML files in which a comment explains every setting."""
 
-import json
 import textwrap
 import tomllib
 from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import Any
 
 from equinox import Module
 
-from jaxslam.config.dotted import KIND, Scalar, Tree, descriptions, flatten, update
+from jaxslam.config.dotted import KIND, Tree, descriptions, flatten, update
 from jaxslam.config.slam import SlamConfig
 
 
-def dumps(configuration: Module, *, without: str | None = None) -> str:
-    """Every setting as TOML text, each under a comment with its meaning and unit.
+def dumps(configuration: Module) -> str:
+    """Return every setting as TOML text, each under a comment with its meaning and unit."""
+    import tomlkit  # With the command-line extra only.
 
-    Args:
-        configuration: what is written.
-        without: a table that is left out, or None.
-    """
+    document = tomlkit.document()
     meanings = descriptions(configuration)
-    lines: list[str] = []
-    table = ""
     for name, value in flatten(configuration).items():
-        parent, _, key = name.rpartition(".")
-        if without is not None and parent == without:
-            continue
-        if parent != table:
-            table = parent
-            lines += ["", f"[{table}]"]
-        # What is static is of no concern to who writes the file.
+        *parents, key = name.split(".")
+        table: Any = document
+        for parent in parents:
+            if parent not in table:
+                table.add(tomlkit.nl())
+                table.add(parent, tomlkit.table())
+            table = table[parent]
+        # Whether a setting is static does not matter to the author of a file.
         meaning = meanings[name].replace(" (static)", "").replace("(static, ", "(")
-        lines += textwrap.wrap(meaning, 100, initial_indent="# ", subsequent_indent="# ")
-        lines.append(f"{key} = {_literal(value)}")
-    return "\n".join(lines) + "\n"
+        for line in textwrap.wrap(meaning, 98):
+            table.add(tomlkit.comment(line))
+        table.add(key, value)
+    return tomlkit.dumps(document)
 
 
 def save(path: str | Path, configuration: Module) -> None:
-    """Writes a configuration; `load` gives the same one back.
+    """Write a configuration; `load` returns an equal one.
 
     Raises:
         OSError: the file cannot be written.
@@ -46,10 +44,10 @@ def save(path: str | Path, configuration: Module) -> None:
 
 
 def read_settings(path: str | Path) -> dict[str, object]:
-    """The values of a TOML file by dotted name, not yet checked against any configuration.
+    """Read the values of a TOML file by dotted name, without checking them against a configuration.
 
     Raises:
-        ValueError: the file is not TOML; one line that says where.
+        ValueError: the file is not TOML; the one-line message has the position.
         OSError: the file cannot be read.
     """
     try:
@@ -64,22 +62,22 @@ def read_settings(path: str | Path) -> dict[str, object]:
 
 
 def load(path: str | Path, base: SlamConfig | None = None) -> SlamConfig:
-    """Reads a configuration; what the file does not name is taken from `base` (None: the defaults).
+    """Read a configuration; settings missing from the file are taken from `base` (None: the defaults).
 
     Raises:
-        ValueError: the file is not TOML, or a name or value in it is wrong; one line.
+        ValueError: the file is not TOML, or a name or value in it is invalid; one line.
         OSError: the file cannot be read.
     """
     return apply(path, read_settings(path), SlamConfig() if base is None else base)
 
 
 def named(table: Mapping[str, object], leaves: Collection[str] = (), prefix: str = "") -> dict[str, object]:
-    """What stands in nested tables by dotted name; choices of parts before what is set in them.
+    """Flatten nested tables to dotted names; choices of parts come before their settings.
 
     Args:
-        table: as TOML has it.
-        leaves: keys by which a table is known to be a value, and not a part of the configuration.
-        prefix: of all names.
+        table: nested tables, as parsed from TOML.
+        leaves: keys that mark a table as a value instead of a part of the configuration.
+        prefix: prefix of all names.
     """
     found: list[tuple[str, object]] = []
     for key, value in table.items():
@@ -89,15 +87,8 @@ def named(table: Mapping[str, object], leaves: Collection[str] = (), prefix: str
 
 
 def apply(path: str | Path, values: Mapping[str, object], base: Tree) -> Tree:
-    """`base` with the values that were read from a file; the file's name leads every complaint."""
+    """Return `base` updated with the values read from a file; errors start with the file's name."""
     try:
         return update(base, values, exact=True)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-
-
-def _literal(value: Scalar) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    # A JSON string without surrogates is a TOML basic string.
-    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)

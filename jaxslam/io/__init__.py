@@ -6,9 +6,8 @@ that needs them is opened.
 
 from jaxslam.io.bag.reader import read_bag
 from jaxslam.io.carmen.reader import read_carmen
-from jaxslam.io.image import MapError
 from jaxslam.io.log import FixTrack, ImuTrack, JointTrack, LogError, OdometryTrack, ScanTrack, SensorLog
-from jaxslam.io.map_server import OccupancyMap, read_map, write_map
+from jaxslam.io.map_server import MapError, OccupancyMap, read_map, write_map
 from jaxslam.io.reader import read_log
 from jaxslam.io.relations import Relations, read_relations
 from jaxslam.io.summary import summarize

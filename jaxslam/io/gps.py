@@ -8,7 +8,7 @@ _EARTH_RADIUS = 6_378_137.0
 
 
 def east_north(positions: Float64[np.ndarray, "M 3"]) -> Float64[np.ndarray, "M 2"]:
-    """Meters east and north of the first fix, on the plane that touches the Earth there.
+    """Return meters east and north of the first fix, on the plane tangent to the Earth there.
 
     Args:
         positions: `[M, 3]` latitude and longitude in degrees, altitude; M ≥ 1.

@@ -168,7 +168,7 @@ class SensorLog:
         return f"SensorLog({self.path}: {', '.join(parts) or 'nothing'})"
 
     def between(self, start: float, end: float) -> "SensorLog":
-        """The part of the log from one time to another, both included, with the stamps it has.
+        """Return the part of the log between two times, both included, with its original stamps.
 
         Args:
             start: seconds since the first scan.
@@ -209,7 +209,7 @@ def _within(track: _Track, start: float, end: float) -> _Track:
 
 
 def _count(track: OdometryTrack | ImuTrack | JointTrack | FixTrack | ScanTrack, unit: str) -> str:
-    """How many there are, on which topic and how long, for those who look at a track."""
+    """Describe the number of rows of a track, its topic and its duration."""
     stamps = track.stamps
     duration = f", {stamps[-1] - stamps[0]:.1f} s" if len(stamps) else ""
     return f"{len(stamps)} {unit} on {track.topic}{duration}"

@@ -16,13 +16,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64
 
-from jaxslam.io.image import GrayImage, MapError, read_image, write_pgm
-
 OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.25
 
 _OCCUPIED_PIXEL, _FREE_PIXEL, _UNKNOWN_PIXEL = 0, 254, 205
 _MODES = ("trinary", "scale", "raw")
+
+
+class MapError(ValueError):
+    """A map that cannot be used. The message is one line: what is wrong, where, what to do."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class OccupancyMap:
 
     @property
     def probability(self) -> Float32[np.ndarray, "H W"]:
-        """`[H, W]` as `plot_map` and `write_map` take it: 1 occupied, 0 free, NaN unknown."""
+        """Return `[H, W]` as `plot_map` and `write_map` expect it: 1 occupied, 0 free, NaN unknown."""
         known = np.where(self.free, np.float32(0.0), np.float32(np.nan))
         return np.where(self.occupied, np.float32(1.0), known)
 
@@ -59,7 +61,7 @@ def write_map(
     occupied_threshold: float = OCCUPIED_THRESHOLD,
     free_threshold: float = FREE_THRESHOLD,
 ) -> None:
-    """Writes a map that nav2's and ROS 1's map_server load: `NAME.yaml` and `NAME.pgm` beside it.
+    """Write a map that nav2's and ROS 1's map_server load: `NAME.yaml` and `NAME.pgm` beside it.
 
     Pixels are 0 (occupied), 254 (free) and 205 (unknown).
 
@@ -93,7 +95,7 @@ def write_map(
     pixels[occupied] = _OCCUPIED_PIXEL
     pixels[free] = _FREE_PIXEL
     image = path.with_suffix(".pgm")
-    write_pgm(image, pixels[::-1])
+    image.write_bytes(f"P5\n{len(pixels[0])} {len(pixels)}\n255\n".encode() + pixels[::-1].tobytes())
     path.write_text(
         f"image: {_yaml_string(image.name)}\n"
         "mode: trinary\n"
@@ -107,7 +109,7 @@ def write_map(
 
 
 def read_map(path: str | Path) -> OccupancyMap:
-    """Reads a map of map_server by the rules of nav2's loader.
+    """Read a map of map_server by the rules of nav2's loader.
 
     Brightness is turned into occupancy (dark is occupied; `negate` turns it round), and that is
     compared with the two thresholds. In mode `trinary` transparency counts as a color channel, and
@@ -116,8 +118,7 @@ def read_map(path: str | Path) -> OccupancyMap:
     `raw` a pixel of 0 to 100 is the occupancy in percent and any other is unknown.
 
     Args:
-        path: the yaml file. `image` is relative to it or absolute; PGM needs no further package,
-            other formats Pillow.
+        path: the yaml file. `image` is relative to it or absolute, in any format that Pillow opens.
 
     Returns:
         The map, row 0 at the lowest y.
@@ -150,8 +151,8 @@ def read_map(path: str | Path) -> OccupancyMap:
     negate = bool(_number(path, entries, "negate", default=0.0))
     if not isinstance(entries["image"], str) or not entries["image"]:
         raise MapError(f"{path}: image is {entries['image']!r}: expected the name of a file")
-    image = read_image(path.parent / entries["image"])
-    occupancy, known = _occupancy(image, mode, negate)
+    shade, alpha = _read_image(path.parent / entries["image"])
+    occupancy, known = _occupancy(shade, alpha, mode, negate)
     occupied = known & (occupancy > occupied_thresh)
     free = known & (occupancy < free_thresh)
     return OccupancyMap(occupied[::-1].copy(), free[::-1].copy(), resolution, np.array(pose), str(path))
@@ -163,11 +164,33 @@ _FARTHEST = 1e8
 """Farther than any place on earth is from the origin of its coordinates, meters."""
 
 
+def _read_image(path: Path) -> tuple[Float64[np.ndarray, "H W"], Float64[np.ndarray, "H W"]]:
+    """Read the brightness and the opacity of an image, both in [0, 1], row 0 at the top."""
+    try:
+        from PIL import Image, UnidentifiedImageError
+    except ImportError:
+        raise MapError(f"{path}: reading maps needs Pillow: pip install 'jaxslam[cli]'") from None
+    try:
+        with Image.open(path) as image:
+            opaque = "transparency" not in image.info
+            if (image.mode == "L" and opaque) or image.mode.startswith("I"):
+                # Pillow does not scale 16-bit gray when it converts it.
+                shade = np.asarray(image, dtype=np.float64) / (255 if image.mode == "L" else 65535)
+                return shade, np.ones_like(shade)
+            channels = np.asarray(image.convert("RGBA"), dtype=np.float64) / 255
+    except FileNotFoundError:
+        raise MapError(f"{path}: no such image: check 'image:' in the map's yaml") from None
+    except UnidentifiedImageError:
+        raise MapError(f"{path}: not an image: expected PGM or PNG") from None
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise MapError(f"{path}: cannot be read, perhaps cut short or damaged: {error}") from None
+    return channels[..., :3].mean(axis=-1), channels[..., 3]
+
+
 def _occupancy(
-    image: GrayImage, mode: str, negate: bool
+    shade: Float64[np.ndarray, "H W"], alpha: Float64[np.ndarray, "H W"], mode: str, negate: bool
 ) -> tuple[Float64[np.ndarray, "H W"], Bool[np.ndarray, "H W"]]:
-    """Occupancy in [0, 1] and where it is known."""
-    shade, alpha = image
+    """Return the occupancy in [0, 1] and a mask of the known cells."""
     if mode == "raw":
         percent = np.rint(shade * 255)
         return percent / 100, percent <= 100
@@ -234,5 +257,5 @@ def _check_thresholds(path: Path, free: float, occupied: float) -> None:
 
 
 def _yaml_string(text: str) -> str:
-    """A name as it stands where yaml reads it back as the same string, else in double quotes."""
+    """Return a name unquoted if YAML reads it back as the same string, else in double quotes."""
     return text if re.fullmatch(r"[A-Za-z][\w.-]*\.\w+", text, re.ASCII) else json.dumps(text)

@@ -16,7 +16,7 @@ def clean_ranges(
     range_min: float | Float64[np.ndarray, "T 1"],
     range_max: float | Float64[np.ndarray, "T 1"],
 ) -> Float32[np.ndarray, "T B"]:
-    """Readings `[T, B]` in meters with everything that is no return as NaN.
+    """Return readings `[T, B]` in meters, with NaN in place of every reading that is not a return.
 
     A return lies in (0, ∞), at or above `range_min` and below `range_max`.
     """
@@ -26,7 +26,7 @@ def clean_ranges(
 
 
 def saturated_reading(ranges: Float64[np.ndarray, "T B"]) -> float | None:
-    """The reading from which on a sensor that does not name its maximum reports no return, meters.
+    """Return the reading, in meters, from which a sensor of unknown maximum range reports no return.
 
     Two signs, in this order. The largest reading is one of the SICK LMS' status codes (8.183 to
     8.191 m, 81.83 to 81.91 m, and the same for 14 and 15 bits): the smallest code of that interval

@@ -25,7 +25,7 @@ def read_log(
     joint_topic: str | None = None,
     fix_topic: str | None = None,
 ) -> SensorLog:
-    """Reads a log of any kind; see `read_carmen` and `read_bag`.
+    """Read a log of any kind; see `read_carmen` and `read_bag`.
 
     The content decides (gzip, ROS 1 bag, MCAP, SQLite), then the suffix.
 

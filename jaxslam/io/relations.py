@@ -29,7 +29,7 @@ class Relations:
 
 
 def read_relations(path: str | Path) -> Relations:
-    """Reads relations, `t1 t2 x y z roll pitch yaw` a line.
+    """Read relations, `t1 t2 x y z roll pitch yaw` a line.
 
     Args:
         path: file to read. Lines that start with `#` are comments; z, roll and pitch are not used.

@@ -25,7 +25,7 @@ class BackwardSteps(NamedTuple):
 
 
 def backward_steps(stamps: Float64[np.ndarray, "M"]) -> BackwardSteps:
-    """Measures the disorder of stamps `[M]` in seconds."""
+    """Measure the disorder of stamps `[M]` in seconds."""
     if stamps.size == 0:
         return BackwardSteps(0, 0.0, 0)
     lag = np.maximum.accumulate(stamps) - stamps
@@ -34,12 +34,12 @@ def backward_steps(stamps: Float64[np.ndarray, "M"]) -> BackwardSteps:
 
 
 def sorting_order(stamps: Float64[np.ndarray, "M"]) -> Int64[np.ndarray, "M"]:
-    """Rows in the order of time; equal stamps keep the order of the file."""
+    """Return the row order that sorts the stamps; equal stamps keep the order of the file."""
     return np.argsort(stamps, kind="stable").astype(np.int64)
 
 
 def spread_repeats(stamps: Float64[np.ndarray, "M"]) -> tuple[Float64[np.ndarray, "M"], int]:
-    """Makes sorted stamps strictly increasing by spreading runs of equal ones.
+    """Make sorted stamps strictly increasing by spreading runs of equal ones.
 
     A run of k equal stamps is spread evenly up to the next stamp; a run at the end goes on with the
     median period. Readings are taken one after the other even where the clock did not advance, so

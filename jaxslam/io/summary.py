@@ -18,7 +18,7 @@ _GAP_PERIODS = 3.0
 
 
 def summarize(log: SensorLog) -> str:
-    """Describes a log in plain text of at most 100 columns.
+    """Describe a log in plain text of at most 100 columns.
 
     For every track: number of messages, duration, rate, gaps; of the scans also beams, field of
     view, range interval, share of beams with a return and mounting; of the odometry path length

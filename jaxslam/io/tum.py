@@ -15,7 +15,7 @@ def write_tum(
     poses: Float64[np.ndarray, "M 3"],
     comment: str | None = None,
 ) -> None:
-    """Writes a planar trajectory.
+    """Write a planar trajectory.
 
     Args:
         path: file to write; an existing one is replaced.
@@ -42,7 +42,7 @@ def write_tum(
 
 
 def read_tum(path: str | Path) -> Trajectory:
-    """Reads a trajectory; one in 3-D is projected to x, y and the yaw of its heading.
+    """Read a trajectory; one in 3-D is projected to x, y and the yaw of its heading.
 
     Args:
         path: file to read. Fields are separated by blanks or commas.
@@ -68,7 +68,7 @@ def read_tum(path: str | Path) -> Trajectory:
 
 
 def read_number_rows(path: Path, columns: int, names: str) -> list[tuple[int, list[float]]]:
-    """Rows of a table of finite numbers in a text file, each with its line number.
+    """Read a table of finite numbers from a text file, each row with its line number.
 
     Args:
         path: text file; blank lines and lines that start with `#` are skipped.

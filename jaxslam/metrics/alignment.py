@@ -1,4 +1,4 @@
-"""Bringing two trajectories together: in time by their stamps, in space by a rigid motion."""
+"""Alignment of two trajectories: in time by their stamps, in space by a rigid motion."""
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -11,7 +11,7 @@ def associate(
     stamps_estimate: Float[np.ndarray, "M"],
     max_difference: float,
 ) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
-    """Matches stamps one to one: pairs of which each is the other's nearest in time.
+    """Match stamps one to one: each stamp of a pair is the nearest one to the other.
 
     Args:
         stamps_reference: `[R]` seconds, not decreasing.
@@ -50,10 +50,10 @@ def associate(
 def align_se2(
     reference: Float[np.ndarray, "_ 3"], estimate: Float[np.ndarray, "_ 3"]
 ) -> Float[np.ndarray, "3"]:
-    """The rigid motion that brings an estimate closest to its reference, in least squares.
+    """Return the rigid motion that minimizes the squared distances of an estimate to its reference.
 
-    Only positions count. The plane has a closed form: the centered sums of dot and cross products
-    are proportional to the cosine and the sine of the rotation.
+    Only positions are used. In the plane there is a closed form: the sums of dot and cross products of
+    centered positions are proportional to the cosine and the sine of the rotation.
 
     Args:
         reference: `[n, 3]` poses (m, m, rad).
@@ -75,7 +75,8 @@ def align_se2(
     check_poses(estimate, "estimate", len(reference))
     if len(reference) < 2:
         raise ValueError(
-            f"{len(reference)} matched pose cannot fix a rotation: give two or more, or align by 'first_pose'"
+            f"{len(reference)} matched pose cannot determine a rotation: give two or more, or align by "
+            "'first_pose'"
         )
     points_reference = reference[:, :2].astype(float)
     points_estimate = estimate[:, :2].astype(float)
@@ -83,7 +84,7 @@ def align_se2(
     p, q = points_estimate - mean_estimate, points_reference - mean_reference
     cosine = np.sum(p * q)
     sine = np.sum(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])
-    # Sums of this size are what rounding of the coordinates alone can make.
+    # Rounding of the coordinates alone can cause sums of this size.
     rounding = 64 * np.finfo(float).eps * len(p)
     rounding *= np.abs(points_estimate).max() * np.abs(points_reference).max()
     if np.hypot(cosine, sine) <= rounding:
@@ -97,7 +98,7 @@ def align_se2(
 
 
 def _nearest(sorted_values: Float[np.ndarray, "a"], queries: Float[np.ndarray, "b"]) -> Int[np.ndarray, "b"]:
-    """Index of the value nearest to each query; the earlier one of two as near."""
+    """Return the index of the value nearest to each query; the earlier one of a tie."""
     right = np.clip(np.searchsorted(sorted_values, queries), 0, len(sorted_values) - 1)
     left = np.maximum(right - 1, 0)
     nearer_left = np.abs(queries - sorted_values[left]) <= np.abs(sorted_values[right] - queries)
@@ -105,7 +106,7 @@ def _nearest(sorted_values: Float[np.ndarray, "a"], queries: Float[np.ndarray, "
 
 
 def check_stamps(stamps: Float[np.ndarray, "_"], name: str) -> None:
-    """Refuses stamps that are none, not finite or run backwards; `name` is their track's."""
+    """Raise an error if stamps are empty, not finite or decreasing; `name` is the name of the track."""
     if len(stamps) == 0:
         raise ValueError(f"the {name} has no poses: give a trajectory with at least one")
     if not np.isfinite(stamps).all():
@@ -120,7 +121,7 @@ def check_stamps(stamps: Float[np.ndarray, "_"], name: str) -> None:
 
 
 def check_poses(poses: Float[np.ndarray, "_ 3"], name: str, length: int) -> None:
-    """Refuses poses that are not `length` many or not finite; `name` is their track's."""
+    """Raise an error unless there are `length` finite poses; `name` is the name of the track."""
     if len(poses) != length:
         raise ValueError(f"the {name} has {len(poses)} poses but should have {length}: match them")
     if not np.isfinite(poses).all():

@@ -1,4 +1,4 @@
-"""How much of one map a computer-vision program finds again in another: the third paper's measure."""
+"""Feature matching between two maps drawn as images: the map measure of Jamaludin et al."""
 
 import warnings
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from jaxslam.metrics.map import BinaryMap
 
 _UNKNOWN = 0.5
 _BLUR = 2.0
-"""Standard deviation, cells: without it the corners of single cells are all there is."""
+"""Standard deviation, cells: without blur, the detector finds only the corners of single cells."""
 _NUM_FEATURES = 500
 _NUM_TRIALS = 2000
 _SAMPLE = 2
@@ -18,13 +18,13 @@ _SAMPLE = 2
 
 @dataclass(frozen=True)
 class FeatureMatch:
-    """What was found again.
+    """Result of feature matching.
 
     Attributes:
-        inliers: matches that agree on one rotation and shift.
-        matches: pairs of features that look alike.
-        features: in either map.
-        pose: `[3]` that moves the estimate onto the reference (m, m, rad); NaN where too few matched.
+        inliers: number of matches that agree on one rigid motion.
+        matches: number of pairs of features with similar descriptors.
+        features: number of features in the reference and in the estimate.
+        pose: `[3]` motion of the estimate onto the reference (m, m, rad); NaN if too few features match.
     """
 
     inliers: int
@@ -36,22 +36,20 @@ class FeatureMatch:
 def match_features(
     reference: BinaryMap, estimate: BinaryMap, *, tolerance: float = 0.25, seed: int = 0
 ) -> FeatureMatch:
-    """ORB features of both maps as pictures, matched, and the largest set that one rigid motion explains.
+    """Match ORB features of two maps and find the rigid motion that explains most matches.
 
-    The number of inliers falls with everything that makes a map look another: noise, doubled walls, walls
-    that are bent. It also rises with the size of the map, and with the lidar's own habits where both maps
-    have them: compare maps of one place with one reference only, and that a map of the same kind. It needs
-    scikit-image, the extra `vision`.
+    The number of inliers falls with every map error: noise, double walls, bent walls. It rises with the size
+    of the map and with artifacts of the lidar that both maps share. Therefore only compare maps of one place
+    with one reference, and use a reference of the same kind. Needs scikit-image, the extra `vision`.
 
     Args:
-        reference: the true map, best one that was built from known poses: the corners of a drawing are not
-            those of a map.
-        estimate: on cells of the same size.
-        tolerance: how far matched features may lie apart after the motion, meters.
-        seed: of RANSAC's samples.
+        reference: the true map, preferably built from known poses: a drawing has other corners than a map.
+        estimate: a map with cells of the same size.
+        tolerance: largest distance of matched features after the motion, meters.
+        seed: seed of RANSAC.
 
     Raises:
-        ValueError: the maps' cells differ in size.
+        ValueError: the cells of the maps differ in size.
 
     References:
         Rublee et al., ORB: an efficient alternative to SIFT or SURF, ICCV 2011; Fischler and Bolles 1981.
@@ -62,8 +60,8 @@ def match_features(
 
     if not np.isclose(reference.resolution, estimate.resolution, rtol=1e-4):
         raise ValueError(
-            f"cells of {reference.resolution:g} m and of {estimate.resolution:g} m: give maps on cells of "
-            "one size"
+            f"cells of {reference.resolution:g} m and of {estimate.resolution:g} m: give maps with cells of "
+            "the same size"
         )
     (places_reference, described_reference), (places, described) = map(_features, (reference, estimate))
     nothing = np.full(3, np.nan)
@@ -75,7 +73,7 @@ def match_features(
         return FeatureMatch(0, len(pairs), counts, nothing)
     to, of = places_reference[pairs[:, 0]], places[pairs[:, 1]]
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "No inliers found")  # the result says so
+        warnings.filterwarnings("ignore", "No inliers found")  # the result has 0 inliers
         model, inliers = ransac(
             (of, to), EuclideanTransform, _SAMPLE, tolerance, max_trials=_NUM_TRIALS, rng=seed
         )
@@ -86,13 +84,13 @@ def match_features(
 
 
 def _features(known: BinaryMap) -> tuple[Float64[np.ndarray, "F 2"], Bool[np.ndarray, "F D"]]:
-    """Places `[F, 2]` in meters, world frame, and descriptors of a map's features."""
+    """Return positions `[F, 2]` (meters, world frame) and descriptors of a map's features."""
     from skimage.feature import ORB
 
     detector = ORB(n_keypoints=_NUM_FEATURES, fast_threshold=0.05)
     try:
         detector.detect_and_extract(_picture(known))
-    except RuntimeError:  # a picture without a feature, in scikit-image's words
+    except RuntimeError:  # scikit-image finds no feature
         return np.zeros((0, 2)), np.zeros((0, 256), bool)
     rows_columns = np.asarray(detector.keypoints, np.float64)
     places = (rows_columns[:, ::-1] + 0.5) * known.resolution + np.asarray(known.origin, np.float64)
@@ -100,7 +98,7 @@ def _features(known: BinaryMap) -> tuple[Float64[np.ndarray, "F 2"], Bool[np.nda
 
 
 def _picture(known: BinaryMap) -> Float32[np.ndarray, "H W"]:
-    """Black walls on white, gray where nothing is known, slightly blurred."""
+    """Draw black walls on white, unknown cells gray, slightly blurred."""
     from skimage.filters import gaussian
 
     levels = np.where(known.occupied, 0.0, np.where(known.free, 1.0, _UNKNOWN)).astype(np.float32)

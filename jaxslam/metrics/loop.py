@@ -1,4 +1,4 @@
-"""Whether a loop is closed: in the path and in the map."""
+"""Loop closure: whether a loop is closed in the path and in the map."""
 
 from dataclasses import dataclass
 
@@ -11,14 +11,14 @@ from jaxslam.metrics.map import BinaryMap
 
 @dataclass(frozen=True)
 class LoopClosure:
-    """What was found where the robot came back.
+    """Agreement of path and map where the robot came back.
 
     Attributes:
-        closed: whether path and map agree there, by the thresholds given.
-        revisits: pairs of poses that truly lie in one place, the second after a loop.
-        position_error: median over them of how far the one is off, seen from the other, meters.
-        heading_error: and how much it is turned, radians.
-        walls_once: share of the walls mapped there that lie where one wall truly is.
+        closed: whether path and map agree within the given thresholds.
+        revisits: number of pairs of true poses at one place, the second after a loop.
+        position_error: median position error of the second pose relative to the first, meters.
+        heading_error: median heading error of the second pose relative to the first, radians.
+        walls_once: share of the walls mapped there that lie on a true wall.
     """
 
     closed: bool
@@ -43,30 +43,30 @@ def loop_closed(
     wall_tolerance: float = 0.2,
     min_walls_once: float = 0.8,
 ) -> LoopClosure:
-    """Looks at the places that the robot came back to at the end of its path.
+    """Check the places to which the robot came back at the end of its path.
 
-    In the path: the pose of the second visit, seen from that of the first, is compared with the truth. What
-    the map drifted by in between does not matter, as it does not to a robot; a loop that was left open does.
-    In the map: it is laid onto the truth by the second visit, and its walls within reach must lie on true
-    walls. Of a wall that was mapped twice the older one does not.
+    In the path, the pose of the second visit relative to the first is compared with the truth. Drift between
+    the visits does not count, because it does not matter to a robot; an open loop does. The map is aligned
+    with the truth at the second visit, and its walls within reach must lie on true walls. If a wall is mapped
+    twice, the older copy does not.
 
     Args:
         truth: `[T, 3]` true base poses (m, m, rad).
         estimate: `[T, 3]` the final trajectory at the same stamps.
         reference: the true map, in the frame of the true poses.
         mapped: the final map, in the frame of the estimate.
-        near: poses nearer than this are one place, meters.
-        loop: and a path at least so long between them is a loop, meters.
-        last: of the second visits those within so much path of the last one count, meters: by then the
-            filter has had time to notice.
-        reach: how far round them the map is looked at, meters.
-        max_position_error: meters, in the median.
-        max_heading_error: radians, in the median.
-        wall_tolerance: a wall lies on a true one within this, meters.
-        min_walls_once: share of the walls.
+        near: poses nearer than this are at one place, meters.
+        loop: shortest path between two visits that counts as a loop, meters.
+        last: only second visits within this path length of the last one count, meters: by then the filter
+            has had time to close the loop.
+        reach: radius around the second visits in which walls are checked, meters.
+        max_position_error: largest median position error, meters.
+        max_heading_error: largest median heading error, radians.
+        wall_tolerance: largest distance of a mapped wall from a true one, meters.
+        min_walls_once: smallest share of walls on true walls.
 
     Raises:
-        ValueError: shapes differ, or the robot never came back: then there is no loop to close.
+        ValueError: shapes differ, or the robot never came back, so there is no loop to close.
     """
     if truth.shape != estimate.shape:
         raise ValueError(
@@ -89,7 +89,7 @@ def loop_closed(
 def _revisits(
     truth: Float64[np.ndarray, "T 3"], near: float, loop: float, last: float
 ) -> tuple[Int[np.ndarray, "R"], Int[np.ndarray, "R"]]:
-    """Pairs of steps in one place, for each second visit near the last one its nearest first visit."""
+    """Return pairs of steps at one place: each second visit near the last, with its nearest first visit."""
     path = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(truth[:, :2], axis=0).T))])
     first, second = [], []
     for step in range(len(truth)):
@@ -115,7 +115,7 @@ def _walls_once(
     reach: float,
     tolerance: float,
 ) -> float:
-    """Share of the occupied cells near the poses that lie on a true wall, each laid by its nearest pose."""
+    """Return the share of cells near the poses that lie on a true wall, placed by the nearest pose."""
     cells = _centers(mapped)
     distance = np.stack([np.hypot(*(cells - pose[:2]).T) for pose in estimate])
     within = distance.min(axis=0) <= reach
@@ -125,7 +125,7 @@ def _walls_once(
     seen = se2.relative(estimate[pose], np.pad(cells, ((0, 0), (0, 1))))
     places = se2.compose(truth[pose], seen)[:, :2]
     walls = _centers(reference)
-    # Walls farther off than the tolerance do not count.
+    # Skip true walls farther away than the tolerance.
     low, high = places.min(axis=0) - tolerance, places.max(axis=0) + tolerance
     walls = walls[np.all((walls >= low) & (walls <= high), axis=1)]
     on_a_wall = [bool((np.hypot(*(walls - place).T) <= tolerance).any()) for place in places]
@@ -133,6 +133,6 @@ def _walls_once(
 
 
 def _centers(known: BinaryMap) -> Float64[np.ndarray, "C 2"]:
-    """Centers of the occupied cells, meters."""
+    """Return the centers of the occupied cells, meters."""
     rows, columns = np.nonzero(known.occupied)
     return (np.stack([columns, rows], axis=1) + 0.5) * known.resolution + np.asarray(known.origin, np.float64)

@@ -1,14 +1,14 @@
 """Scores of an estimated occupancy map against a known one.
 
-Scores are counted on the cells of the reference map. The two maps may differ in size, resolution
-and origin, and the estimate may be moved by a pose first. Row 0 is the lowest y, column 0 the
-lowest x.
+Scores are computed on the cells of the reference map. The two maps may differ in size, resolution and
+origin, and the estimate may be moved by a pose first. Row 0 is the lowest y, column 0 the lowest x.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy import ndimage
 
 # A tolerance of three 5 cm cells is 2.9999999 cells when a resolution came through float32.
 _SLACK = 1e-6
@@ -16,13 +16,11 @@ _SLACK = 1e-6
 
 @dataclass(frozen=True)
 class BinaryMap:
-    """A map reduced to yes and no: which cells are occupied, which are free.
-
-    A cell that is neither is unknown.
+    """A map with two masks: occupied cells and free cells. All other cells are unknown.
 
     Attributes:
         occupied: `[H, W]` true where there is an obstacle.
-        free: `[H, W]` true where it is known that there is none.
+        free: `[H, W]` true where there is certainly no obstacle.
         resolution: side of a cell, meters.
         origin: `[2]` world position of the lower-left corner of cell (0, 0), meters.
     """
@@ -55,7 +53,7 @@ class BinaryMap:
         occupied_threshold: float = 0.65,
         free_threshold: float = 0.25,
     ) -> "BinaryMap":
-        """Thresholds occupancy probabilities; the defaults are those of ROS map_server.
+        """Threshold occupancy probabilities; the defaults are those of ROS map_server.
 
         Args:
             probability: `[H, W]` probability that a cell is occupied; NaN where unknown.
@@ -82,7 +80,7 @@ class BinaryMap:
 
 @dataclass(frozen=True)
 class MapScore:
-    """How well an estimated map agrees with the known one.
+    """Agreement of an estimated map with the known one.
 
     Attributes:
         precision: share of the estimate's occupied cells that lie within the tolerance of a
@@ -93,8 +91,8 @@ class MapScore:
         iou: `f1 / (2 − f1)`; with tolerance 0 this is the intersection over union of the cells.
         free_iou: intersection over union of the free cells, without tolerance; None if neither map
             has a free cell.
-        n_estimate: occupied cells of the estimate that count, in reference cells.
-        n_reference: occupied cells of the reference that count.
+        n_estimate: number of occupied cells of the estimate inside the mask, in reference cells.
+        n_reference: number of occupied cells of the reference inside the mask.
     """
 
     precision: float
@@ -114,20 +112,20 @@ def map_score(
     pose_reference_estimate: Float[np.ndarray, "3"] | None = None,
     mask: Bool[np.ndarray, "_ _"] | None = None,
 ) -> MapScore:
-    """Precision, recall, F1 and IoU of occupied cells, and IoU of free cells.
+    """Return precision, recall, F1 and IoU of occupied cells, and IoU of free cells.
 
-    Occupied cells of the estimate travel as points, their centers, so that one-cell walls survive a
-    rotation; free space is looked up the other way, so that it gets no holes.
+    The centers of the estimate's occupied cells are transformed to the reference, so that walls of one cell
+    survive a rotation. Free space is looked up in the opposite direction, so that it gets no holes.
 
     Args:
         reference: the known map.
         estimate: the map to score.
         tolerance_m: an occupied cell is matched if the other map has one whose center is at most
-            this far, meters. 0 asks for the same cell.
+            this far, meters. 0 requires the same cell.
         pose_reference_estimate: `[3]` pose of the estimate's world frame in the reference's (m, m,
             rad), e.g. from `align_se2` of the trajectories; None for the identity.
-        mask: `[H, W]` reference cells that count. None counts every cell, and what the estimate
-            has outside the reference map counts as wrong.
+        mask: `[H, W]` reference cells to score. None scores every cell, and occupied cells of the estimate
+            outside the reference map count as wrong.
 
     Raises:
         ValueError: if the mask has another shape, the tolerance is negative or not finite, the pose
@@ -159,7 +157,7 @@ def map_score(
     n_estimate = int(counted_estimate.sum()) + int((~inside).sum()) * count_outside
     n_reference = int(counted_reference.sum())
     if n_reference == 0:
-        raise ValueError("no occupied cell of the reference map counts: check the map and the mask")
+        raise ValueError("no occupied cell of the reference map is scored: check the map and the mask")
     hits_estimate = int((counted_estimate & _dilate(occupied_reference, radius)).sum())
     hits_reference = int((counted_reference & _dilate(occupied_estimate, radius)).sum())
 
@@ -197,7 +195,7 @@ def _check(
 def _occupied_cells(
     reference: BinaryMap, estimate: BinaryMap, pose: Float[np.ndarray, "3"]
 ) -> Int[np.ndarray, "K 2"]:
-    """Distinct (row, column) reference cells that the estimate's occupied cells fall into."""
+    """Return the distinct (row, column) reference cells hit by the estimate's occupied cells."""
     # A coarser estimate is split so that one of its cells covers all the reference cells under it.
     splits = max(1, int(np.ceil(estimate.resolution / reference.resolution - _SLACK)))
     fraction = (np.arange(splits) + 0.5) / splits
@@ -236,7 +234,7 @@ def _lookup(
     target: BinaryMap,
     pose_target_source: Float[np.ndarray, "3"],
 ) -> Bool[np.ndarray, "H W"]:
-    """Value of the source cell under each center of a target cell; false outside the source."""
+    """Return the source value under each center of a target cell; false outside the source."""
     height, width = target.occupied.shape
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     points = np.stack([x, y], axis=-1) * target.resolution + target.origin
@@ -249,23 +247,10 @@ def _lookup(
 
 
 def _dilate(cells: Bool[np.ndarray, "H W"], radius: float) -> Bool[np.ndarray, "H W"]:
-    """Cells within `radius` cells (Euclidean, center to center) of a true cell."""
-    height, width = cells.shape
-    reach = int(radius + _SLACK)
-    # Prefix sums along x answer "any true cell in this span" for every cell at once; one pass per
-    # row of the disc then costs O(radius) instead of O(radius²).
-    sums = np.zeros((height, width + 1), np.int32)
-    np.cumsum(cells, axis=1, out=sums[:, 1:])
-    column = np.arange(width)
-    near = np.zeros_like(cells)
-    for dy in range(-reach, reach + 1):
-        half = int(np.sqrt(max(radius**2 - dy**2, 0.0)) + _SLACK)
-        right, left = np.minimum(column + half + 1, width), np.maximum(column - half, 0)
-        span = sums[:, right] > sums[:, left]
-        source = slice(max(-dy, 0), max(height - max(dy, 0), 0))
-        target = slice(max(dy, 0), max(height - max(-dy, 0), 0))
-        near[target] |= span[source]
-    return near
+    """Return the cells within `radius` cells (Euclidean, center to center) of a true cell."""
+    # Without a true cell, SciPy's distances are undefined.
+    near = ndimage.distance_transform_edt(~cells) <= radius + _SLACK
+    return near & cells.any()
 
 
 def _rotation(theta: float | np.floating) -> Float[np.ndarray, "2 2"]:

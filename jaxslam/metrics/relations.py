@@ -1,7 +1,7 @@
 """The relation metric of the SLAM benchmark: local accuracy against known relative poses.
 
-A global comparison punishes one early heading error on the whole rest of the path; relations
-between poses do not.
+In a global comparison, one early heading error affects the whole rest of the path. Relations between poses
+avoid this.
 
 References:
     Kümmerle et al., On measuring the accuracy of SLAM algorithms, Autonomous Robots 27, 2009.
@@ -53,10 +53,10 @@ def relation_errors(
     stamps_to: Float[np.ndarray, "_"],
     deltas: Float[np.ndarray, "_ 3"],
 ) -> RelationError:
-    """Statistics of the errors (x_j ⊖ x_i) ⊖ δ_ij over all relations that the trajectory covers.
+    """Return statistics of the errors (x_j ⊖ x_i) ⊖ δ_ij over all relations that the trajectory covers.
 
-    A relation's stamps may lie between two poses: the pose there is the last one at or before it,
-    moved on by the odometry since, itself interpolated at both stamps.
+    A relation's stamps may lie between two poses. The pose there is the last one at or before the stamp,
+    moved by the odometry since then, which is interpolated at both stamps.
 
     Args:
         stamps: `[M]` seconds, not decreasing: times of the SLAM poses.
@@ -72,7 +72,7 @@ def relation_errors(
             backwards, or when the trajectory covers no relation at all.
 
     References:
-        Kümmerle et al. 2009; absolute and squared errors are the two that its tables print.
+        Kümmerle et al. 2009; its tables print absolute and squared errors.
 
     Example:
         Poses (0, 0, 0) and (1.1, 0, 0), relation (1, 0, 0): 0.1 m in translation, 0 in rotation.
@@ -111,14 +111,14 @@ def relation_residuals(
     stamps_to: Float[np.ndarray, "_"],
     deltas: Float[np.ndarray, "_ 3"],
 ) -> tuple[Float64[np.ndarray, "_"], Float64[np.ndarray, "_"]]:
-    """Error of every relation, to find the ones that went wrong. Arguments as `relation_errors`.
+    """Return the error of every relation, to find outliers. Arguments as in `relation_errors`.
 
     Returns:
         `[R]` translational errors in meters and `[R]` absolute rotational errors in radians, NaN
         where a relation is not used.
 
     Raises:
-        ValueError: as `relation_errors`, except that no used relation is no error.
+        ValueError: as in `relation_errors`, but no error is raised if no relation is covered.
     """
     for track_stamps, track_poses, name in (
         (stamps, poses, "trajectory"),
@@ -142,7 +142,7 @@ def _covered(
     stamps: Float64[np.ndarray, "M"],
     odometry_stamps: Float64[np.ndarray, "K"],
 ) -> Bool[np.ndarray, "Q"]:
-    """Where there is a pose, or one before and odometry since: beyond its end it would be made up."""
+    """Return the times with a pose, or with an earlier pose and odometry since; never beyond the end."""
     last = np.searchsorted(stamps, times + STAMP_TOLERANCE, side="right") - 1
     inside = (last >= 0) & (times <= stamps[-1] + STAMP_TOLERANCE)
     since = stamps[np.maximum(last, 0)]

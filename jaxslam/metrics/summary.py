@@ -1,4 +1,4 @@
-"""Errors of a run against what is known, as the figures that go into `metrics.json`."""
+"""Errors of a run against relations or a reference, as written to `metrics.json`."""
 
 from dataclasses import asdict
 
@@ -21,7 +21,7 @@ def relation_figures(
     odometry: OdometryTrack,
     relations: Relations,
 ) -> dict[str, float]:
-    """Statistics of the relation errors of a trajectory, see `jaxslam.metrics.relation_errors`."""
+    """Return statistics of the relation errors of a trajectory, see `jaxslam.metrics.relation_errors`."""
     error = relation_errors(
         stamps,
         poses,
@@ -43,17 +43,17 @@ def reference_error(
     *,
     align: Alignment = "se2",
 ) -> TrajectoryError:
-    """Absolute trajectory error, every reference pose compared at its own time.
+    """Return the absolute trajectory error, with every reference pose compared at its own time.
 
-    Picking the scan nearest in time instead would charge the robot's motion in between to the filter.
+    Using the scan nearest in time instead would count the robot's motion in between as an error.
 
     Args:
         reference_stamps: `[R]` seconds, not decreasing, on the log's clock.
-        reference: `[R, 3]` poses (m, m, rad); unless `align` is False in any frame.
+        reference: `[R, 3]` poses (m, m, rad), in any frame unless `align` is False.
         stamps: `[S]` seconds, times of the estimate.
         poses: `[S, 3]` the estimate.
-        odometry: carries the estimate on between its stamps.
-        align: how the estimate is brought to the reference first, as in `absolute_trajectory_error`.
+        odometry: extends the estimate between its stamps.
+        align: alignment of the estimate with the reference, as in `absolute_trajectory_error`.
 
     Raises:
         ValueError: fewer than two reference poses lie within the trajectory, or stamps run backwards.
@@ -74,5 +74,5 @@ def reference_error(
 
 
 def trajectory_figures(error: TrajectoryError) -> dict[str, float]:
-    """The figures of `ate` in `metrics.json`."""
+    """Return the entries of `ate` in `metrics.json`."""
     return {key: asdict(error)[key] for key in _TRAJECTORY_KEYS}

@@ -55,7 +55,7 @@ def pose_errors(
     align: Alignment = "se2",
     max_difference: float = 0.01,
 ) -> PoseErrors:
-    """Error of each matched pose after alignment. Arguments as in `absolute_trajectory_error`."""
+    """Return the error of each matched pose after alignment. Arguments as in `absolute_trajectory_error`."""
     if align not in ("se2", "first_pose", False):
         raise ValueError(f"align is {align!r}: give 'se2', 'first_pose' or False")
     stamps, reference, estimate = _matched(
@@ -81,7 +81,7 @@ def absolute_trajectory_error(
     align: Alignment = "se2",
     max_difference: float = 0.01,
 ) -> TrajectoryError:
-    """Absolute trajectory error: distance to the reference at matched stamps, after alignment.
+    """Return the absolute trajectory error: distance to the reference at matched stamps, after alignment.
 
     Args:
         stamps_reference: `[R]` seconds, not decreasing.
@@ -89,7 +89,7 @@ def absolute_trajectory_error(
         stamps_estimate: `[M]` seconds on the same clock, not decreasing.
         poses_estimate: `[M, 3]` (m, m, rad), in any frame unless `align` is False.
         align: "se2" moves the whole estimate for the least squared position error; "first_pose"
-            puts its first matched pose onto the reference's; False compares as given.
+            moves its first matched pose to the reference's; False compares without alignment.
         max_difference: largest difference of matched stamps, seconds.
 
     Raises:
@@ -121,9 +121,9 @@ def relative_pose_error(
     all_pairs: bool = True,
     max_difference: float = 0.01,
 ) -> TrajectoryError:
-    """Relative pose error: drift over a fixed number of frames, path length or time.
+    """Return the relative pose error: drift over a fixed number of frames, path length or time.
 
-    The error of the pair (i, j) is the motion left between the two relative motions,
+    The error of the pair (i, j) is the difference of the two relative motions,
     (r_j ⊖ r_i)⁻¹ ⊕ (e_j ⊖ e_i): its translation and rotation. No alignment is needed. `j` is the
     first pose that is `delta` or more after `i`, path and time measured along the reference.
 
@@ -162,7 +162,7 @@ def _pairs(
     unit: Unit,
     all_pairs: bool,
 ) -> tuple[Int[np.ndarray, "k"], Int[np.ndarray, "k"]]:
-    """First and last index of every pair that spans `delta`."""
+    """Return the first and last index of every pair that spans `delta`."""
     if not (np.isfinite(delta) and delta > 0):
         raise ValueError(f"delta is {delta}: give a positive number of {unit}")
     if unit == "frames":
@@ -176,7 +176,7 @@ def _pairs(
         progress = stamps - stamps[0]
     else:
         raise ValueError(f"unit is {unit!r}: give 'frames', 'meters' or 'seconds'")
-    # The slack keeps ten steps of 0.1 m or s from being a rounding error short of 1.
+    # With the slack, ten steps of 0.1 m or s reach 1 in spite of rounding.
     end = np.searchsorted(progress, progress + delta - 1e-6, side="left")
     start = np.flatnonzero(end < len(progress))
     if len(start) == 0:
@@ -190,7 +190,7 @@ def _pairs(
 
 
 def _chain(end: Int[np.ndarray, "n"]) -> Int[np.ndarray, "k"]:
-    """Starts of the pairs that follow each other without overlap, from index 0."""
+    """Return the starts of the pairs that follow each other without overlap, from index 0."""
     starts, index = [], 0
     while index < len(end) and end[index] < len(end):
         starts.append(index)
@@ -205,7 +205,7 @@ def _matched(
     poses_estimate: Float[np.ndarray, "_ 3"],
     max_difference: float,
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-    """Matched reference stamps, reference poses and estimated poses, float64."""
+    """Return matched reference stamps, reference poses and estimated poses, float64."""
     check_poses(poses_reference, "reference", len(stamps_reference))
     check_poses(poses_estimate, "estimate", len(stamps_estimate))
     index_reference, index_estimate = associate(stamps_reference, stamps_estimate, max_difference)

@@ -1,8 +1,8 @@
-"""Scans as a lidar at rest would have taken them.
+"""Deskewing: remove the robot's motion during a scan.
 
-A spinning lidar takes a tenth of a second or more over a scan, and a robot that turns at 1 rad/s has turned
-by 6° meanwhile. The odometry tells how it moved: every end point is put where it lies from the lidar's
-pose at the scan's stamp, and the beams are read off again.
+A spinning lidar needs a tenth of a second or more for a scan. A robot that turns at 1 rad/s turns by 6° in
+that time. The odometry gives this motion: every end point is transformed to the lidar's pose at the scan's
+stamp, and the ranges are resampled at the beam angles.
 """
 
 import dataclasses
@@ -16,16 +16,16 @@ from jaxslam.io.log import OdometryTrack, ScanTrack, SensorLog
 from jaxslam.preprocess.lag import ScanLag, estimate_lag
 
 _LONGEST_INTERVAL = 0.3
-"""Between poses of the odometry further apart than this, seconds, the robot's motion is not known."""
+"""Longest interval between odometry poses over which the motion is interpolated, seconds."""
 _NUM_KNOTS = 9
-"""Poses of the lidar looked up along a sweep."""
+"""Number of lidar poses interpolated along a sweep."""
 _LEAST_TRANSLATION, _LEAST_ROTATION = 0.005, 0.003
-"""Scans during which the lidar moved less stay as they are: meters, radians."""
+"""Scans with less motion are not changed: meters, radians."""
 _LEAST_LAG = 0.06
-"""A lag estimated to be nearer than this to what the log says is none, seconds: on simulated drives without
-one 0.02 to 0.03 are found."""
+"""Smallest lag relative to the log's own timing that is corrected, seconds. On simulated drives without lag,
+the estimates are 0.02 to 0.03 s."""
 _STEEPEST = np.tan(np.radians(5.0))
-"""Neighboring end points on a line that their beams meet at a smaller angle are not on one wall."""
+"""Smallest angle between beams and the line through their end points, if both lie on one wall."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,9 +33,9 @@ class SweepTiming:
     """When the beams of a scan were taken.
 
     Attributes:
-        middle: from the stamp to the middle of the sweep, seconds.
-        time_increment: from one beam to the next, seconds.
-        lag: what the log's own turning says, or None where it does not.
+        middle: time from the stamp to the middle of the sweep, seconds.
+        time_increment: time from one beam to the next, seconds.
+        lag: the lag estimated from rotations, or None if the log's own timing is used.
     """
 
     middle: float
@@ -44,20 +44,20 @@ class SweepTiming:
 
 
 def sweep_timing(log: SensorLog, turn_time: float, max_lag: float) -> SweepTiming | None:
-    """When the beams of a log's scans were taken.
+    """Estimate when the beams of a log's scans were taken.
 
-    The log's own time increment counts, from its stamps on, as a LaserScan has it; a log without one is
-    taken to stamp scans when they are complete, of a lidar that turns evenly. Where the turning seen by the
-    scans says something else about the delay, that counts.
+    By default, the timing is the log's own time increment, counted from the stamp, as in a LaserScan. For a
+    log without time increment, a constant rotation and a stamp at the end of the scan are assumed. A
+    different lag estimated from rotations overrides this timing.
 
     Args:
-        log: with scans and odometry.
-        turn_time: of a whole turn of the lidar, seconds; 0: all beams at once.
-        max_lag: lags of up to so many seconds are looked for; 0 takes the stamps as they are.
+        log: a log with scans and odometry.
+        turn_time: duration of a full turn of the lidar, seconds; 0 if all beams are simultaneous.
+        max_lag: largest lag to search for, seconds; 0 trusts the stamps.
 
     Returns:
-        None where scans or odometry are missing or too sparse to know how the robot moved, and for a lidar
-        of one beam.
+        The timing. None if scans or odometry are missing or too sparse to interpolate the motion, or if the
+        lidar has only one beam.
     """
     scans, odometry = log.scans, log.odometry
     if scans is None or odometry is None or len(scans.stamps) == 0 or len(odometry.stamps) < 2:
@@ -79,18 +79,18 @@ def sweep_timing(log: SensorLog, turn_time: float, max_lag: float) -> SweepTimin
     return SweepTiming(middle if lag is None else lag.seconds, increment, lag)
 
 
-def at_rest(log: SensorLog, timing: SweepTiming) -> SensorLog:
-    """The log with every scan as a lidar at rest at its stamp would have taken it.
+def deskew(log: SensorLog, timing: SweepTiming) -> SensorLog:
+    """Return the log with every scan as seen by a lidar at rest at the scan's stamp.
 
-    Between two end points on one wall the range is that of the line through them; elsewhere that of the
-    nearer beam.
+    Between two end points on one wall, ranges are interpolated along the line through them. Elsewhere the
+    nearest beam is used.
     """
     scans, odometry = log.scans, log.odometry
     if scans is None or odometry is None:
         return log
     num_beams = scans.ranges.shape[1]
     beams = np.linspace(0, num_beams - 1, _NUM_KNOTS)
-    # The sweep is that of the usual number of beams; padding at the end was never measured.
+    # The sweep has the usual number of beams; padding at the end was never measured.
     offsets = timing.middle + (beams - 0.5 * (float(np.median(scans.num_beams)) - 1)) * timing.time_increment
     reference = _lidar_poses(scans, odometry, scans.stamps)
     knots = np.stack(
@@ -122,14 +122,14 @@ def _lidar_poses(
 def _seen_from_rest(
     ranges: Float32[np.ndarray, "B"], path: Float64[np.ndarray, "B 3"], first: float, step: float, count: int
 ) -> Float32[np.ndarray, "B"]:
-    """Ranges `[B]` read off from the origin, of beams shot from along a path.
+    """Return ranges `[B]` seen from the origin, given beams measured along a path.
 
     Args:
-        ranges: `[B]` meters, NaN where nothing came back.
-        path: `[B, 3]` pose of the lidar at each beam, from its pose at rest.
+        ranges: `[B]` meters, NaN for no return.
+        path: `[B, 3]` pose of the lidar at each beam, relative to its pose at rest.
         first: angle of beam 0, radians.
         step: angle between beams, radians.
-        count: beams that were measured, the first ones.
+        count: number of measured beams, the first ones.
     """
     measured = ranges[:count].astype(np.float64)
     returned = np.isfinite(measured)
@@ -138,13 +138,13 @@ def _seen_from_rest(
     x = path[:count, 0] + reach * np.cos(angles + path[:count, 2])
     y = path[:count, 1] + reach * np.sin(angles + path[:count, 2])
     distance = np.hypot(x, y)
-    # The direction of a beam that met nothing is its own, as that of a point very far away.
+    # A beam without return keeps its own direction, like a point very far away.
     turned = np.where(returned, np.arctan2(y, x) - angles, path[:count, 2])
     place = np.arange(count) + (np.mod(turned + np.pi, 2 * np.pi) - np.pi) / step
 
     whole_turn = round(2 * np.pi / abs(step))
     if count >= whole_turn - 1:
-        # All round: the first beams follow on the last.
+        # A full turn: the first beams follow the last ones.
         place = np.concatenate([place - whole_turn, place, place + whole_turn])
         distance, returned = np.tile(distance, 3), np.tile(returned, 3)
     order = np.argsort(place, kind="stable")
@@ -164,7 +164,7 @@ def _seen_from_rest(
     apart = (place[after] - place[before]) * abs(step)
     wall = inside & returned[before] & returned[after] & (apart < 3 * abs(step)) & (apart > 0)
     wall &= np.abs(one - other) * _STEEPEST <= apart * np.minimum(one, other)
-    # Where the ray at the wanted angle meets the line through both points.
+    # Intersect the ray at the wanted angle with the line through both points.
     to_one, to_other = (wanted - place[before]) * abs(step), (place[after] - wanted) * abs(step)
     across = one * np.sin(to_one) + other * np.sin(to_other)
     on_line = one * other * np.sin(apart) / np.where(across > 0, across, 1.0)

@@ -1,4 +1,4 @@
-"""How far a log's scans lag behind its odometry, from the turning that both saw."""
+"""Time lag between a log's scans and its odometry, estimated from the rotation in both."""
 
 from dataclasses import dataclass
 
@@ -10,36 +10,37 @@ from jaxslam.core.trajectory import interpolate_poses
 from jaxslam.io.log import OdometryTrack, ScanTrack
 
 _MAX_TURN = 0.4
-"""Largest rotation between two scans that is looked for, radians."""
+"""Largest rotation between two scans that is searched, radians."""
 _MAX_BEAMS = 360
-"""Beams compared; more are thinned."""
+"""Most beams to compare; more are thinned."""
 _MIN_BEAMS = 10
-"""Fewer do not show a rotation."""
+"""Fewest beams that show a rotation."""
 _MAX_PAIRS = 800
-"""Pairs of scans compared; more are thinned."""
+"""Most pairs of scans to compare; more are thinned."""
 _MIN_PAIRS = 30
-"""Fewer turning pairs say nothing."""
+"""Fewest pairs with rotation that are enough for an estimate."""
 _MIN_RATE = 0.1
-"""Pairs count while the robot turns at least so fast, rad/s."""
+"""Smallest turning rate of a pair, rad/s."""
 _INTERVALS = (0.02, 0.5)
-"""Shortest and longest time between the scans of a pair, seconds: over longer ones the rates blur."""
+"""Shortest and longest time between the scans of a pair, seconds: longer intervals average the rates."""
 _FAR = 5.0
-"""Ranges are cut off here, meters: what is far looks the same after a step."""
+"""Ranges are clipped here, meters: far points hardly change when the robot moves."""
 _STEP = 0.02
-"""Lags tried are so far apart, seconds."""
+"""Step between tested lags, seconds."""
 _MIN_CORRELATION = 0.75
 _MIN_DROP = 0.03
-"""How much lower than at its peak the correlation must be `_DROP_AT` to either side of it."""
+"""Smallest drop of the correlation from its peak to `_DROP_AT` on either side."""
 _DROP_AT = 0.2
+"""Seconds."""
 
 
 @dataclass(frozen=True)
 class ScanLag:
-    """When scans were taken, by the odometry's clock.
+    """The time of the scans on the odometry's clock.
 
     Attributes:
-        seconds: from a scan's stamp to the middle of its sweep; negative: it was stamped late.
-        correlation: of the turning rates of both at this lag, up to 1.
+        seconds: time from a scan's stamp to the middle of its sweep; negative if the stamp is late.
+        correlation: correlation of both turning rates at this lag, up to 1.
     """
 
     seconds: float
@@ -47,19 +48,19 @@ class ScanLag:
 
 
 def estimate_lag(scans: ScanTrack, odometry: OdometryTrack, max_lag: float) -> ScanLag | None:
-    """The lag at which the scans' turning agrees best with the odometry's.
+    """Estimate the lag at which the rotation seen in the scans agrees best with the odometry's.
 
-    Each scan is turned against the one before it until both look most alike; the rates found are
-    correlated with the odometry's at every lag.
+    Each scan is rotated to match the previous one; the resulting turning rates are correlated with the
+    odometry's at every lag.
 
     Args:
-        scans: with NaN where there was no return.
-        odometry: poses around them.
-        max_lag: lags of up to so many seconds either way are looked at.
+        scans: scans with NaN for no return.
+        odometry: odometry over the same time.
+        max_lag: largest lag to test in either direction, seconds.
 
     Returns:
-        None where the log cannot tell: it turns too little, its scans are too far apart, or the
-        correlation has no clear peak.
+        The lag. None if the robot turns too little, the scans are too far apart, or the correlation has no
+        clear peak.
     """
     pairs = _turning_pairs(scans, odometry, max_lag)
     if len(pairs) < _MIN_PAIRS or scans.ranges.shape[1] < _MIN_BEAMS:
@@ -87,7 +88,7 @@ def _lags(reach: float) -> Float64[np.ndarray, "L"]:
 
 
 def _turning_pairs(scans: ScanTrack, odometry: OdometryTrack, max_lag: float) -> Int[np.ndarray, "P"]:
-    """Indices of scans that the robot turns after, now or within the lag, and that the next follows soon."""
+    """Return indices of scans followed soon by the next while the robot turns, at any lag in the interval."""
     intervals = np.diff(scans.stamps)
     pairs = np.flatnonzero((intervals > _INTERVALS[0]) & (intervals < _INTERVALS[1]))
     if len(pairs) == 0:
@@ -101,7 +102,7 @@ def _turning_pairs(scans: ScanTrack, odometry: OdometryTrack, max_lag: float) ->
 def _rates(
     scans: ScanTrack, odometry: OdometryTrack, pairs: Int[np.ndarray, "P"], lag: float
 ) -> Float64[np.ndarray, "P"]:
-    """Turning rate by the odometry over each pair, `lag` seconds later."""
+    """Return the odometry's turning rate over each pair, `lag` seconds later."""
     before, after = scans.stamps[pairs], scans.stamps[pairs + 1]
     first = interpolate_poses(odometry.stamps, odometry.poses, before + lag)
     second = interpolate_poses(odometry.stamps, odometry.poses, after + lag)
@@ -109,11 +110,11 @@ def _rates(
 
 
 def _rotations(scans: ScanTrack, pairs: Int[np.ndarray, "P"]) -> Float64[np.ndarray, "P"]:
-    """Rotation of the lidar between the scans of each pair, radians, to a fraction of a beam."""
+    """Return the lidar's rotation between the scans of each pair, radians, interpolated between beams."""
     stride = -(-scans.ranges.shape[1] // _MAX_BEAMS)
     with np.errstate(invalid="ignore"):
         cut = np.minimum(scans.ranges[:, ::stride].astype(np.float64), _FAR)
-    # No return is as good as a far one; ratios of ranges rather than differences.
+    # Treat no return as a far one, and compare ratios of ranges rather than differences.
     profiles = np.log(np.where(np.isfinite(cut), np.maximum(cut, 0.1), _FAR))
     num_beams = profiles.shape[1]
     step = float(np.median(scans.angle_increment)) * stride
@@ -136,13 +137,11 @@ def _vertex(
     middle: Float64[np.ndarray, "*any"] | float,
     after: Float64[np.ndarray, "*any"] | float,
 ) -> Float64[np.ndarray, "*any"]:
-    """Where between −½ and ½ the parabola through three values has its peak."""
+    """Return the offset, from −½ to ½, of the peak of the parabola through three values."""
     curvature = np.asarray(before - 2 * middle + after, dtype=np.float64)
     safe = np.where(curvature < 0, curvature, -1.0)
     return np.asarray(np.clip(np.where(curvature < 0, 0.5 * (before - after) / safe, 0.0), -0.5, 0.5))
 
 
 def _correlation(one: Float64[np.ndarray, "P"], other: Float64[np.ndarray, "P"]) -> float:
-    one, other = one - one.mean(), other - other.mean()
-    scale = np.sqrt(np.sum(one * one) * np.sum(other * other))
-    return float(np.sum(one * other) / scale) if scale > 0 else 0.0
+    return float(np.corrcoef(one, other)[0, 1]) if np.ptp(one) > 0 and np.ptp(other) > 0 else 0.0

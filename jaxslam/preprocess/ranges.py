@@ -6,7 +6,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from jaxslam.io.log import SensorLog
-from jaxslam.preprocess.deskew import SweepTiming, at_rest, sweep_timing
+from jaxslam.preprocess.deskew import SweepTiming, deskew, sweep_timing
 
 
 @runtime_checkable
@@ -24,19 +24,19 @@ class LidarRanges(Protocol):
 
 
 def correct_scans(log: SensorLog, lidar: LidarRanges) -> tuple[SensorLog, SweepTiming | None]:
-    """The log with its scans as a lidar at rest, that reports what it can see, would have taken them.
+    """Return the log with its ranges limited to the lidar's interval and its scans deskewed.
 
     Returns:
-        The log with readings outside of the lidar's interval turned into "no return" (NaN) and the robot's
-        motion during a scan taken out; and what that was found from, None where the log cannot tell.
+        The log, with readings outside the lidar's interval replaced by NaN ("no return") and without the
+        robot's motion during a scan; and the timing used for deskewing, None if it is unknown.
     """
     log = _within_range(log, lidar)
     timing = sweep_timing(log, float(lidar.turn_time), float(lidar.max_lag))
-    return (log if timing is None else at_rest(log, timing)), timing
+    return (log if timing is None else deskew(log, timing)), timing
 
 
 def _within_range(log: SensorLog, lidar: LidarRanges) -> SensorLog:
-    """Drivers often state a far larger maximum than the sensor has and pass its ghosts on."""
+    """Drop ranges outside the lidar's interval: the maximum stated by drivers is often too large."""
     if log.scans is None:
         return log
     ranges = log.scans.ranges

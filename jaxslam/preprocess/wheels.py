@@ -8,16 +8,16 @@ from jaxslam.io.log import JointTrack, LogError, OdometryTrack
 
 
 def wheel_odometry(joints: JointTrack, wheel_radius: float, track: float) -> OdometryTrack:
-    """Dead reckoning of a differential drive, each interval as an arc.
+    """Integrate the wheel angles of a differential drive, each interval as an arc.
 
     Args:
-        joints: with one joint whose name holds "left" and one with "right", in radians.
-        wheel_radius: meters.
+        joints: angles in radians, with one joint whose name contains "left" and one with "right".
+        wheel_radius: radius of both wheels, meters.
         track: distance between the wheels, meters.
 
     Raises:
-        LogError: there is no such pair of joints.
-        ValueError: a length that is not above 0.
+        LogError: the track has no such pair of joints.
+        ValueError: a length is not above 0.
     """
     for name, value in (("wheel radius", wheel_radius), ("track", track)):
         if not value > 0:
@@ -28,7 +28,7 @@ def wheel_odometry(joints: JointTrack, wheel_radius: float, track: float) -> Odo
     driven_left, driven_right = (wheel_radius * np.diff(angle[good]) for angle in (left, right))
     distance, turn = 0.5 * (driven_left + driven_right), (driven_right - driven_left) / track
     heading = np.concatenate([[0.0], np.cumsum(turn)])
-    # Along the chord of the arc, which lies half the turn on.
+    # The chord of an arc has the heading of its middle.
     chord = distance * np.sinc(turn / (2 * np.pi))
     middle = heading[:-1] + 0.5 * turn
     x, y = (np.concatenate([[0.0], np.cumsum(chord * part)]) for part in (np.cos(middle), np.sin(middle)))

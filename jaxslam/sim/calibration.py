@@ -7,7 +7,7 @@ from jaxslam.sim.lidar_sensor import Lidar
 
 
 def calibration_distances(lidar: Lidar, step: float = 0.1) -> Float[Array, "D"]:
-    """From the shortest range in steps to the last before the longest, and that: for an LDS-01 35, meters."""
+    """Return distances from the shortest range to the longest, both included, meters (35 for an LDS-01)."""
     shortest, longest = float(lidar.range_min), float(lidar.range_max)
     if not (step > 0 and longest > shortest):
         raise ValueError(f"step {step} between {shortest} and {longest} m: give a positive step and span")
@@ -18,7 +18,7 @@ def calibration_distances(lidar: Lidar, step: float = 0.1) -> Float[Array, "D"]:
 def calibration_run(
     key: PRNGKeyArray, lidar: Lidar, distances: Float[Array, "D"], num_readings: int = 2000
 ) -> tuple[Float[Array, "D R"], Bool[Array, "D R"]]:
-    """What the beam that faces a wall reads, distance by distance.
+    """Simulate the readings of the beam that faces a wall, at each distance.
 
     Args:
         key: of the noise.

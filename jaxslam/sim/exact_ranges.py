@@ -10,7 +10,7 @@ from jaxslam.sim.worlds.world import World
 def cast_scan(
     world: World, pose_world_lidar: Float[Array, "3"], angles: Float[Array, "B"]
 ) -> Float[Array, "B"]:
-    """Distance to the nearest segment along each ray from one pose.
+    """Return the distance to the nearest segment along each ray from one pose.
 
     The end points of every segment are written in the frame of the ray; a segment is hit where they
     lie on opposite sides of it. Two segments that share a corner compute the same number for it, so
@@ -50,7 +50,7 @@ def cast_scan(
 def cast_rays(
     world: World, poses_world_lidar: Float[Array, "T 3"], angles: Float[Array, "B"]
 ) -> Float[Array, "T B"]:
-    """`cast_scan` from many poses, one after the other, so that memory stays at `B × S`.
+    """Apply `cast_scan` to many poses in sequence, which limits memory to `B × S`.
 
     Args:
         world: the segments, `[S, 4]` meters.
@@ -66,6 +66,6 @@ def cast_rays(
 def _in_ray_frame(
     points: Float[Array, "S 2"], cos: Float[Array, "B 1"], sin: Float[Array, "B 1"]
 ) -> tuple[Float[Array, "B S"], Float[Array, "B S"]]:
-    """Distance along the ray and to its left, `[B, S]` each, of points relative to its origin."""
+    """Return the distances `[B, S]` of points along each ray and to its left, from the ray's origin."""
     x, y = points[None, :, 0], points[None, :, 1]
     return cos * x + sin * y, cos * y - sin * x

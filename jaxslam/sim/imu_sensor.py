@@ -57,7 +57,7 @@ class Imu(eqx.Module):
             raise ValueError(f"rate is {self.rate}: give the IMU a positive number of samples per second")
 
     def simulate(self, key: PRNGKeyArray, drive: Drive, times: Float64[np.ndarray, "M"]) -> Inertial:
-        """Samples at `times` `[M]` (seconds, host values, `rate` per second) of a drive."""
+        """Simulate samples of a drive at `times` `[M]` (seconds, host values, `rate` per second)."""
         poses, velocities = drive.at(times)
         noise = standard_normal(key, (len(times), 4))
         initial = jnp.stack([_float(self.sigma_rate_bias), _float(self.sigma_heading_bias)])

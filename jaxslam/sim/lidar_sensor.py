@@ -63,11 +63,11 @@ class Lidar(eqx.Module):
             raise ValueError(f"rate is {self.rate}: give the lidar a positive number of scans per second")
 
     def angles(self) -> Float[Array, "B"]:
-        """Beam angles in the lidar frame, radians, `[B]`."""
+        """Return the beam angles `[B]` in the lidar frame, radians."""
         return self.angle_min + self.angle_increment * jnp.arange(self.num_beams, dtype=jnp.float32)
 
     def simulate(self, key: PRNGKeyArray, world: World, poses: Float[Array, "T 3"]) -> LidarScan:
-        """Scans `[T, B]` of a world from true base poses.
+        """Simulate scans `[T, B]` of a world from true base poses.
 
         Args:
             key: draws noise, drop-outs and short readings.
@@ -90,7 +90,7 @@ class Lidar(eqx.Module):
     def measure(
         self, key: PRNGKeyArray, distances: Float[Array, "T B"]
     ) -> tuple[Float[Array, "T B"], Bool[Array, "T B"]]:
-        """Turns true distances `[T, B]` (meters, infinite where nothing is) into readings.
+        """Turn true distances `[T, B]` (meters, infinite where nothing is) into readings.
 
         Returns:
             Ranges `[T, B]` in meters, 0 where there is none, and whether there is one.
@@ -120,7 +120,7 @@ class Lidar(eqx.Module):
 
 
 def sick(*, num_beams: int = 181) -> Lidar:
-    """SICK LMS-200: 180°, 0–80 m, precision 5 mm (1 σ), 10 scans per second.
+    """Return a SICK LMS-200: 180°, 0–80 m, precision 5 mm (1 σ), 10 scans per second.
 
     Args:
         num_beams: 180 (step 180°/180, as CARMEN logs have it), 181 or 361 (both end points).
@@ -137,7 +137,7 @@ def sick(*, num_beams: int = 181) -> Lidar:
 
 
 def urg_04lx() -> Lidar:
-    """Hokuyo URG-04LX: 682 beams over 240°, 0.02–5.6 m, ±10 mm to 1 m and ±1 % beyond, 10 Hz."""
+    """Return a Hokuyo URG-04LX: 682 beams over 240°, 0.02–5.6 m, ±10 mm to 1 m, ±1 % beyond, 10 Hz."""
     increment = 2 * math.pi / 1024
     return Lidar(
         num_beams=682,
@@ -151,7 +151,7 @@ def urg_04lx() -> Lidar:
 
 
 def rplidar_a1() -> Lidar:
-    """Slamtec RPLIDAR A1: 360 beams over 360°, 0.15–6 m, ~1 %, 5.5 Hz."""
+    """Return a Slamtec RPLIDAR A1: 360 beams over 360°, 0.15–6 m, ~1 %, 5.5 Hz."""
     return Lidar(
         num_beams=360,
         angle_min=0.0,
@@ -165,7 +165,7 @@ def rplidar_a1() -> Lidar:
 
 
 def lds_01(bias: RangeBias | None = None) -> Lidar:
-    """LDS-01 on a TurtleBot3: 360 beams over 360°, 0.12–3.5 m, ±10 mm to 0.5 m, then up to ±3.5 %, 5 Hz.
+    """Return an LDS-01 on a TurtleBot3: 360 beams, 0.12–3.5 m, ±10 mm to 0.5 m, then up to ±3.5 %, 5 Hz.
 
     Args:
         bias: of one device, as `draw_lds_01_bias` draws it: accuracy (±15 mm, ±5 %), where the numbers above
@@ -187,7 +187,7 @@ def lds_01(bias: RangeBias | None = None) -> Lidar:
 
 
 def lds_02() -> Lidar:
-    """LDS-02 on a TurtleBot3: 260 beams over 360°, 0.16–8 m, ±10 mm and ±3 %, 9 Hz."""
+    """Return an LDS-02 on a TurtleBot3: 260 beams over 360°, 0.16–8 m, ±10 mm and ±3 %, 9 Hz."""
     return Lidar(
         num_beams=260,
         angle_min=0.0,
@@ -202,7 +202,7 @@ def lds_02() -> Lidar:
 
 
 def vlp16_ring(*, num_beams: int = 900) -> Lidar:
-    """One horizontal ring of a Velodyne VLP-16: 360°, 0.5–100 m, ±30 mm, 10 Hz.
+    """Return one horizontal ring of a Velodyne VLP-16: 360°, 0.5–100 m, ±30 mm, 10 Hz.
 
     Args:
         num_beams: the device gives 1800 at this rate; the default keeps every second one.

@@ -11,7 +11,7 @@ Scalar = float | Float[Array, ""]
 
 
 def standard_normal(key: PRNGKeyArray, shape: tuple[int, ...]) -> Float[Array, "..."]:
-    """Standard normal numbers of a shape.
+    """Draw standard normal numbers.
 
     Drawn flat: a shape with three axes takes three times as long to compile on a CPU. A sensor
     draws all it needs at once, since compiling a draw costs more than running it.
@@ -25,7 +25,7 @@ _Sum = tuple[Float[Array, "K"], Float[Array, "K"]]
 
 
 def compensated_add(total: Float[Array, "K"], rounding: Float[Array, "K"], value: Float[Array, "K"]) -> _Sum:
-    """One step of Kahan's sum: the new total, and what rounding took from it.
+    """Make one step of Kahan's sum; return the new total and its rounding error.
 
     Ten thousand float32 steps of constant size all round the same way, which would add up to
     centimeters; compensated, the total stays within its last bit.
@@ -36,7 +36,7 @@ def compensated_add(total: Float[Array, "K"], rounding: Float[Array, "K"], value
 
 
 def running_sum(values: Float[Array, "M K"]) -> Float[Array, "M K"]:
-    """Compensated sums over the leading axis, up to and including each row."""
+    """Return compensated sums over the leading axis, up to and including each row."""
     zero = jnp.zeros_like(values[0])
 
     def add(carry: _Sum, row: Float[Array, "K"]) -> tuple[_Sum, Float[Array, "K"]]:

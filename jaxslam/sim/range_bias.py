@@ -32,19 +32,19 @@ class RangeBias(eqx.Module):
             )
 
     def __call__(self, distances: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
-        """The bias at true distances, meters."""
+        """Return the bias at true distances, meters."""
         return jnp.interp(distances, self.distances, self.offsets)
 
 
 def lds_01_accuracy(distances: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
-    """The LDS-01's data sheet: ±15 mm below 0.5 m, ±5 % beyond; made continuous, and so tighter, at 0.5 m."""
+    """Return the LDS-01's accuracy: ±15 mm below 0.5 m, ±5 % beyond, made continuous (tighter) at 0.5 m."""
     return 0.015 + 0.05 * jnp.maximum(distances - _KINK, 0.0)
 
 
 def draw_lds_01_bias(
     key: PRNGKeyArray, share: Scalar = 0.6, shortest: float = 0.12, longest: float = 3.5
 ) -> RangeBias:
-    """The bias of one LDS-01: a few waves over the distance, within its accuracy.
+    """Draw the bias of one LDS-01: a few waves over the distance, within the data sheet's accuracy.
 
     Triangulation goes wrong smoothly, by an amount that grows with the distance; how is a matter of how
     the one device was put together.

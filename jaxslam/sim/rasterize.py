@@ -2,13 +2,14 @@
 
 import numpy as np
 from jaxtyping import Array, Bool, Float, Float64, Int
+from scipy import ndimage
 
 from jaxslam.grid.spec import GridSpec
 from jaxslam.sim.worlds.world import World
 
 
 def rasterize(world: World, spec: GridSpec) -> Bool[np.ndarray, "H W"]:
-    """Marks every cell that a segment runs through.
+    """Mark every cell that a segment runs through.
 
     A cell spans [lower, upper) on both axes, so a wall exactly on the line between two cells
     belongs to the upper one; a cell that is only touched at a corner stays unmarked. What lies
@@ -38,7 +39,7 @@ def reachable(
     spec: GridSpec,
     start: Float[np.ndarray, "2"] | Float[Array, "2"],
 ) -> Bool[np.ndarray, "H W"]:
-    """Free cells connected to `start` (meters, world frame) over their sides, `[H, W]`.
+    """Return the free cells `[H, W]` connected over their sides to `start` (meters, world frame).
 
     Raises:
         ValueError: if `start` lies outside the grid or on an occupied cell.
@@ -52,24 +53,14 @@ def reachable(
         raise ValueError(
             f"start {list(map(float, start))} lies on an occupied cell: give a start in free space"
         )
-    # A closed border spares every look at a neighbor the question whether there is one.
-    blocked = np.pad(occupied, 1, constant_values=True)
-    found = np.zeros_like(blocked)
-    found[row + 1, column + 1] = True
-    stride = width + 2
-    closed, reached = blocked.reshape(-1), found.reshape(-1)
-    frontier = np.flatnonzero(found)
-    while frontier.size:
-        neighbors = np.concatenate([frontier + step for step in (1, -1, stride, -stride)])
-        frontier = np.unique(neighbors[~(closed | reached)[neighbors]])
-        reached[frontier] = True
-    return found[1:-1, 1:-1]
+    regions, _ = ndimage.label(~occupied)
+    return regions == regions[row, column]
 
 
 def observable(
     world: World, spec: GridSpec, start: Float[np.ndarray, "2"] | Float[Array, "2"]
 ) -> tuple[Bool[np.ndarray, "H W"], Bool[np.ndarray, "H W"]]:
-    """Occupied and free cells `[H, W]` that a robot from `start` could ever have seen.
+    """Return the occupied and free cells `[H, W]` that a robot starting at `start` can observe.
 
     Free cells are those reachable from `start`; of the occupied ones only those that touch one of
     them by a side or a corner count. The inside of machines and all beyond the walls is neither.
@@ -85,16 +76,11 @@ def observable(
     """
     occupied = rasterize(world, spec)
     free = reachable(occupied, spec, start)
-    padded = np.pad(free, 1)
-    beside = np.zeros_like(free)
-    for row in range(3):
-        for column in range(3):
-            beside |= padded[row : row + spec.height, column : column + spec.width]
-    return occupied & beside, free
+    return occupied & ndimage.binary_dilation(free, np.ones((3, 3))), free
 
 
 def _cells_crossed(start: Float64[np.ndarray, "2"], end: Float64[np.ndarray, "2"]) -> Int[np.ndarray, "_ 2"]:
-    """(column, row) of each cell that the line between two points in cell units runs through."""
+    """Return (column, row) of each cell crossed by the line between two points in cell units."""
     fractions = [np.array([0.0, 1.0])]
     for first, last in zip(start, end, strict=True):
         lines = np.arange(np.ceil(min(first, last)), np.floor(max(first, last)) + 1)

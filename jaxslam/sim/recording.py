@@ -31,7 +31,7 @@ class Truth:
 
     @property
     def walls(self) -> Float64[np.ndarray, "S 4"]:
-        """`[S, 4]` end points x1, y1, x2, y2 of the walls, meters."""
+        """Return the end points `[S, 4]` x1, y1, x2, y2 of the walls, meters."""
         return np.asarray(self.world.segments, np.float64)
 
     def __repr__(self) -> str:

@@ -61,7 +61,7 @@ class Drive(eqx.Module):
     rate: float = eqx.field(static=True)
 
     def at(self, times: Float64[np.ndarray, "M"]) -> tuple[Float[Array, "M 3"], Float[Array, "M 3"]]:
-        """Exact true poses and base-frame velocities `[M, 3]` at any times in seconds.
+        """Return exact true poses and base-frame velocities `[M, 3]` at any times in seconds.
 
         Times are host values, so that they keep float64; those outside the drive are an error.
         """
@@ -88,7 +88,7 @@ class _State(eqx.Module):
 
 
 def advance(pose: Float[Array, "3"], velocity: Float[Array, "3"], duration: Scalar) -> Float[Array, "3"]:
-    """Moves a pose at a constant base-frame velocity (vx, 0, ω) for `duration` s: an exact arc.
+    """Move a pose at a constant base-frame velocity (vx, 0, ω) for `duration` s: an exact arc.
 
     Example:
         From the origin at 1 m/s and π/2 rad/s for 1 s: (2/π, 2/π, π/2).
@@ -99,7 +99,7 @@ def advance(pose: Float[Array, "3"], velocity: Float[Array, "3"], duration: Scal
 def _displacement(
     heading: Float[Array, ""], velocity: Float[Array, "3"], duration: Scalar
 ) -> Float[Array, "3"]:
-    """What `advance` adds to x, y and heading, in the world frame."""
+    """Return the change of x, y and heading made by `advance`, in the world frame."""
     half_turn = velocity[2] * duration / 2
     # Chord of the arc: the length driven times sin(h)/h; jnp.sinc(x) is sin(πx)/(πx).
     chord = velocity[0] * duration * jnp.sinc(half_turn / jnp.pi)
@@ -112,13 +112,13 @@ def _wrapped(pose: Float[Array, "3"]) -> Float[Array, "3"]:
 
 
 def start_pose(waypoints: Float64[np.ndarray, "W 2"]) -> Float64[np.ndarray, "3"]:
-    """The pose `[3]` a drive starts from: on the first way-point, facing the second."""
+    """Return the start pose `[3]` of a drive: on the first way-point, facing the second."""
     direction = waypoints[1] - waypoints[0]
     return np.array([*waypoints[0], np.arctan2(direction[1], direction[0])])
 
 
 def follow_tour(robot: Robot, waypoints: Float[Array, "W 2"], num_steps: int) -> Drive:
-    """Drives round a closed tour of way-points, again and again, from rest at the first one.
+    """Drive round a closed tour of way-points, again and again, from rest at the first one.
 
     Args:
         robot: limits and steering.
@@ -150,7 +150,7 @@ def follow_tour(robot: Robot, waypoints: Float[Array, "W 2"], num_steps: int) ->
 
 
 def _command(robot: Robot, waypoints: Float[Array, "W 2"], state: _State) -> _State:
-    """Speed and yaw rate for the next step, within the limits; the pose is left as it is."""
+    """Return speed and yaw rate of the next step, within the limits, without moving the pose."""
     count = waypoints.shape[0]
     remaining = _project(waypoints, state.leg, state.pose)[1]
     leg = state.leg + (remaining <= robot.switch_distance).astype(jnp.int32)
@@ -183,7 +183,7 @@ def _command(robot: Robot, waypoints: Float[Array, "W 2"], state: _State) -> _St
 def _project(
     waypoints: Float[Array, "W 2"], leg: Int[Array, ""], pose: Float[Array, "3"]
 ) -> tuple[Float[Array, "2"], Float[Array, ""]]:
-    """Direction of a leg, and how far along it the robot still is from its end (meters)."""
+    """Return the direction of a leg and the distance left along it, meters."""
     bearing = _bearing(waypoints, leg)
     along = jnp.stack([jnp.cos(bearing), jnp.sin(bearing)])
     goal = waypoints[(leg + 1) % waypoints.shape[0]]
@@ -191,7 +191,7 @@ def _project(
 
 
 def _bearing(waypoints: Float[Array, "W 2"], leg: Int[Array, ""]) -> Float[Array, ""]:
-    """Direction of the leg that starts at way-point `leg`, radians, world frame."""
+    """Return the direction of the leg that starts at way-point `leg`, radians, world frame."""
     count = waypoints.shape[0]
     difference = waypoints[(leg + 1) % count] - waypoints[leg % count]
     return jnp.arctan2(difference[1], difference[0])

@@ -50,22 +50,22 @@ class Simulation(eqx.Module):
 
     @property
     def odometry_times(self) -> Float64[np.ndarray, "M"]:
-        """Seconds since the start, `[M]`."""
+        """Return seconds since the start, `[M]`."""
         return sample_times(self.wheels.rate, self.duration, phase=0.0)
 
     @property
     def imu_times(self) -> Float64[np.ndarray, "M"]:
-        """Seconds since the start, `[M]`."""
+        """Return seconds since the start, `[M]`."""
         return sample_times(self.imu.rate, self.duration, phase=0.5)
 
     @property
     def scan_times(self) -> Float64[np.ndarray, "T"]:
-        """Seconds since the start, `[T]`."""
+        """Return seconds since the start, `[T]`."""
         return sample_times(self.lidar.rate, self.duration, phase=0.5)
 
 
 def sample_times(rate: float, duration: float, *, phase: float) -> Float64[np.ndarray, "M"]:
-    """Times (i + phase) / rate within [0, duration], in seconds.
+    """Return the times (i + phase) / rate within [0, duration], in seconds.
 
     Example:
         Rate 2 Hz, duration 1 s: 0, 0.5, 1 at phase 0; 0.25, 0.75 at phase 0.5.
@@ -86,7 +86,7 @@ def simulate(
     lidar: Lidar | None = None,
     duration: float = 200.0,
 ) -> Simulation:
-    """Drives a robot through a world and records what its sensors report.
+    """Drive a robot through a world and records what its sensors report.
 
     The drive follows from the way-points alone; the key draws all errors and noise. One compilation
     serves every key, every world and tour of the same size and every float of the models; the
@@ -151,7 +151,7 @@ def to_log(
     start_stamp: float = 1.7e9,
     in_world_frame: bool = False,
 ) -> SensorLog:
-    """The simulation as a log, as if it had been read from a file (host).
+    """Convert the simulation to a log, as if it had been read from a file (host).
 
     Odometry, IMU and lidar have stamps of their own. The IMU reports orientation and angular
     velocity about its z axis; linear acceleration is NaN.

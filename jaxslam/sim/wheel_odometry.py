@@ -86,7 +86,7 @@ class WheelOdometry(eqx.Module):
             )
 
     def errors(self, noise: Float[Array, "3"]) -> OdometryErrors:
-        """The systematic errors of one robot, from three standard normal numbers."""
+        """Return the systematic errors of one robot, from three standard normal numbers."""
         left, right, track = noise
         return OdometryErrors(
             left_radius=self.left_radius_error + self.sigma_radius_error * left,
@@ -95,7 +95,7 @@ class WheelOdometry(eqx.Module):
         )
 
     def simulate(self, key: PRNGKeyArray, drive: Drive, times: Float64[np.ndarray, "M"]) -> Odometry:
-        """What the encoders of one robot count during a drive, and the odometry made of it.
+        """Simulate the encoder counts of one robot during a drive, and integrate them to odometry.
 
         Args:
             key: draws the systematic errors and the slip.
@@ -123,7 +123,7 @@ class WheelOdometry(eqx.Module):
         )
 
     def integrate(self, ticks: Int[Array, "M 2"]) -> tuple[Float[Array, "M 3"], Float[Array, "M 3"]]:
-        """Odometry poses from encoder counts, in the frame of the first reading.
+        """Integrate encoder counts to odometry poses, in the frame of the first reading.
 
         Headings come from the counts themselves, so that they gather no rounding error.
 
@@ -147,7 +147,7 @@ class WheelOdometry(eqx.Module):
     def _wheel_angles(
         self, slip: Float[Array, "steps 2"], drive: Drive, errors: OdometryErrors
     ) -> Float[Array, "P 2"]:
-        """Angle `[P, 2]` that the left and right wheel have really turned at each step, radians."""
+        """Return the true angle `[P, 2]` of the left and right wheel at each step, radians."""
         half_track = self.track_width * (1 + errors.track_width) / 2
         speed, yaw_rate = drive.velocities[:-1, 0], drive.velocities[:-1, 2]
         rolled = jnp.stack([speed - half_track * yaw_rate, speed + half_track * yaw_rate], axis=1)

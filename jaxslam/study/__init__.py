@@ -4,7 +4,7 @@ from jaxslam.study.objectives import OBJECTIVES, Figures
 from jaxslam.study.plan import Plan, Source, read_plan
 from jaxslam.study.report import summarize, write_report
 from jaxslam.study.search import (
-    Told,
+    TrialResult,
     evaluate,
     held_out_table,
     keep_programs,
@@ -23,7 +23,7 @@ __all__ = [
     "Source",
     "Space",
     "Store",
-    "Told",
+    "TrialResult",
     "evaluate",
     "held_out_table",
     "keep_programs",

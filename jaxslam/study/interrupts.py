@@ -1,4 +1,4 @@
-"""Ctrl-C where it does no harm: in the middle of a transaction it would leave the storage locked."""
+"""Delay Ctrl-C to safe points: in the middle of a transaction it would leave the storage locked."""
 
 import signal
 import threading
@@ -8,9 +8,9 @@ from types import FrameType, TracebackType
 
 
 class Interrupts:
-    """Once entered, Ctrl-C waits until the end, or until what is done in `passing`.
+    """A context in which Ctrl-C waits until the end, or until the next `passing` block.
 
-    In a thread other than the main one, and where Ctrl-C is ignored, it does nothing.
+    It has no effect outside the main thread, or if Ctrl-C is ignored.
     """
 
     def __init__(self) -> None:
@@ -35,11 +35,11 @@ class Interrupts:
 
     @contextmanager
     def passing(self) -> Iterator[None]:
-        """What takes long, and may be broken off anywhere.
+        """Let Ctrl-C interrupt a long computation at any point.
 
         Raises:
-            KeyboardInterrupt: one came now or before, even if it was lost on its way: what is raised in a
-                callback of the garbage collector goes no further.
+            KeyboardInterrupt: Ctrl-C was pressed now or earlier, even if Python dropped the exception, as it
+                does for exceptions raised in a callback of the garbage collector.
         """
         self._passing = True
         try:

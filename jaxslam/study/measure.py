@@ -1,4 +1,4 @@
-"""Runs configurations on the sources of a study, those of one program together, and measures them."""
+"""Run configurations on the sources of a study and measure the results; equal programs run together."""
 
 import dataclasses
 import functools
@@ -30,23 +30,23 @@ from jaxslam.study.objectives import Figures
 from jaxslam.study.plan import DRIVE, Plan, Source
 
 TOLERANCE = 0.1
-"""A wall counts as found within so much, meters."""
+"""Largest distance of a mapped wall from a true one, meters."""
 
 
 class TrialError(ValueError):
-    """A configuration whose runs cannot be measured; the message says why."""
+    """A configuration whose runs cannot be measured; the message is the reason."""
 
 
 @dataclass(frozen=True)
-class Loaded:
+class LoadedSource:
     """A source in memory.
 
     Attributes:
-        log: what is mapped.
-        lidar: name of the preset, or what the scans tell of one that is none.
-        reference: stamps and poses; None for a log without.
-        relations: None for a source without.
-        world: None for a log.
+        log: the log to map.
+        lidar: name of the preset, or the properties detected from the scans if no preset fits.
+        reference: stamps and poses; None if unknown.
+        relations: relations of the benchmark; None if unknown.
+        world: the simulated world; None for a log.
     """
 
     log: SensorLog
@@ -56,34 +56,34 @@ class Loaded:
     world: World | None = None
 
 
-def load(source: Source) -> Loaded:
-    """Reads a log, or drives through a world; once, whatever lidar it is said to have.
+def load(source: Source) -> LoadedSource:
+    """Read a log or simulate a drive; the result is cached for all lidars.
 
     Raises:
-        ValueError: a file that cannot be used, one line.
-        OSError: one that cannot be read.
+        ValueError: a file cannot be used, one line.
+        OSError: a file cannot be read.
     """
     loaded = _loaded(dataclasses.replace(source, lidar=None))
     return loaded if source.lidar is None else dataclasses.replace(loaded, lidar=source.lidar)
 
 
 @functools.lru_cache(maxsize=16)
-def _loaded(source: Source) -> Loaded:
+def _loaded(source: Source) -> LoadedSource:
     if source.world is not None:
         world, waypoints = make_world(source.world)
-        # Another key than the filters', which know nothing of the simulator's noise.
+        # Another key than the filters', so that their noise is independent of the simulator's.
         key = jax.random.fold_in(jax.random.key(source.seed), 1)
         simulation = simulate(key, world, waypoints, duration=float(source.duration or DRIVE))
         log = to_log(simulation, source.name, in_world_frame=True)
         assert log.scans is not None
         truth = np.asarray(simulation.scan_poses, np.float64)
-        return Loaded(log, "sick", (log.scans.stamps, truth), world=world)
+        return LoadedSource(log, "sick", (log.scans.stamps, truth), world=world)
     assert source.log is not None
     log = read_log(source.log)
     if source.duration is not None:
         log = log.between(0.0, source.duration)
     lidar = detect_lidar(log)
-    return Loaded(
+    return LoadedSource(
         log,
         lidar.name if lidar.name in PRESETS else lidar,
         None if source.reference is None else read_tum(Path(source.reference)),
@@ -92,11 +92,11 @@ def _loaded(source: Source) -> Loaded:
 
 
 def check_source(plan: Plan, source: Source) -> None:
-    """Measures the odometry of a source, before any run is made.
+    """Measure the odometry of a source, before any run is made.
 
     Raises:
-        ValueError: it has none, or nothing that it could be measured by; one line.
-        OSError: it cannot be read.
+        ValueError: the source has no odometry, or no overlap with its reference; one line.
+        OSError: the source cannot be read.
     """
     loaded = load(source)
     configuration = plan.configuration({}, loaded.lidar)
@@ -112,10 +112,10 @@ def check_source(plan: Plan, source: Source) -> None:
 def measure(
     plan: Plan, source: Source, seeds: Sequence[int], settings: Sequence[Mapping[str, Scalar]]
 ) -> list[Figures | TrialError]:
-    """The figures of every configuration on one source, or why there are none.
+    """Return the figures of every configuration on one source, or the reason for a failure.
 
-    Configurations that differ in traced numbers only share a program, and run together, unless the time of
-    each is to be told.
+    Configurations that differ only in traced numbers share a program. They run together, unless time is an
+    objective.
     """
     loaded = load(source)
     found: list[Figures | TrialError | None] = [None] * len(settings)
@@ -136,7 +136,7 @@ def measure(
         try:
             result = run_many(first, scans, keys, filters, maps="map" in plan.objectives)
         except (ValueError, jax.errors.JaxRuntimeError) as error:
-            # XLA's may go on for pages.
+            # Messages of XLA can be pages long.
             reason = str(error).strip().partition("\n")[0]
             for index, *_ in members:
                 found[index] = TrialError(reason)
@@ -150,9 +150,9 @@ def measure(
 
 
 def _prepared(
-    plan: Plan, source: Source, loaded: Loaded, settings: Mapping[str, Scalar]
+    plan: Plan, source: Source, loaded: LoadedSource, settings: Mapping[str, Scalar]
 ) -> tuple[RBPF, PreparedScans, tuple[Any, ...]]:
-    """The filter, its scans, and all that the scans depend on."""
+    """Return the filter, its scans, and everything that the scans depend on."""
     configuration = plan.configuration(settings, loaded.lidar)
     return *prepare(loaded.log, configuration), (
         *jax.tree.leaves(configuration.lidar),
@@ -163,7 +163,7 @@ def _prepared(
 
 
 def _figures(
-    loaded: Loaded, slam: RBPF, scans: PreparedScans, result: ManyResult, row: int
+    loaded: LoadedSource, slam: RBPF, scans: PreparedScans, result: ManyResult, row: int
 ) -> Figures | TrialError:
     lost = int(result.left_map[row].sum())
     if lost:
@@ -180,8 +180,10 @@ def _figures(
     )
 
 
-def _errors(loaded: Loaded, inputs: PreparedScans, poses: Float64[np.ndarray, "S 3"]) -> tuple[float, float]:
-    """Meters and degrees of the poses at all scans; NaN for a source that has nothing to be measured by."""
+def _errors(
+    loaded: LoadedSource, inputs: PreparedScans, poses: Float64[np.ndarray, "S 3"]
+) -> tuple[float, float]:
+    """Return the errors of the poses at all scans, meters and degrees; NaN for a source without reference."""
     log = loaded.log
     assert log.odometry is not None
     if loaded.relations is not None:
@@ -194,9 +196,9 @@ def _errors(loaded: Loaded, inputs: PreparedScans, poses: Float64[np.ndarray, "S
 
 
 def _map_losses(
-    loaded: Loaded, grid: GridSpec, log_odds: Int8[np.ndarray, "C S H W"] | None, row: int
+    loaded: LoadedSource, grid: GridSpec, log_odds: Int8[np.ndarray, "C S H W"] | None, row: int
 ) -> Float64[np.ndarray, "S"]:
-    """One minus the IoU of the walls, by seed; empty if no map was kept, as none is for a log."""
+    """Return one minus the IoU of the walls, by seed; empty if no map was kept, and for a log."""
     if loaded.world is None or log_odds is None:
         return np.zeros(0)
     assert loaded.reference is not None
@@ -210,6 +212,6 @@ def _map_losses(
 
 
 def program_of(plan: Plan, source: Source, settings: Mapping[str, Scalar]) -> Any:
-    """What must be equal for two configurations to share a program: structure and sizes."""
+    """Return a key that is equal for configurations that share a program: structure and sizes."""
     slam, scans, _ = _prepared(plan, source, load(source), settings)
     return jax.tree.structure(slam), (len(scans.stamps) - 1).bit_length()

@@ -1,4 +1,4 @@
-"""What a study makes small, taken from the runs of a trial."""
+"""The objectives that a study minimizes, computed from the runs of a trial."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,13 +10,13 @@ from jaxtyping import Float64
 
 @dataclass(frozen=True)
 class Figures:
-    """What the runs of one configuration on one source were worth; NaN where it cannot be told.
+    """Measurements of the runs of one configuration on one source; NaN where unknown.
 
     Attributes:
         error: `[S]` mean error of the relations, or RMSE of the trajectory, meters, by seed.
-        heading: `[S]` the same of headings, degrees.
-        map_loss: `[S]` one minus the walls' IoU with the true ones; empty for a log.
-        ms_per_scan: of one run, milliseconds.
+        heading: `[S]` the same for the heading, degrees.
+        map_loss: `[S]` one minus the IoU of mapped and true walls; empty for a log.
+        ms_per_scan: time per scan of one run, milliseconds.
     """
 
     error: Float64[np.ndarray, "S"]
@@ -27,12 +27,12 @@ class Figures:
 
 @dataclass(frozen=True)
 class Objective:
-    """A figure of a trial; smaller is better.
+    """An objective of a trial; smaller is better.
 
     Attributes:
-        label: with its unit, for tables and axes.
-        of: from the figures of a source.
-        needs: what a source must have.
+        label: name with unit, for tables and axes.
+        of: function that computes the objective from the figures of a source.
+        needs: data that a source must have: "reference", "world" or "nothing".
     """
 
     label: str
@@ -40,12 +40,12 @@ class Objective:
     needs: str
 
     def check(self, source: Any) -> None:
-        """Raises `ValueError` for a source that it cannot be told of."""
+        """Raise `ValueError` if the source lacks the data for this objective."""
         measured = source.world is not None or source.relations is not None or source.reference is not None
         if self.needs == "reference" and not measured:
             raise ValueError(f"{source.name}: give it relations or a reference, to measure the error by")
         if self.needs == "world" and source.world is None:
-            raise ValueError(f"{source.name}: the objective map is for worlds: of a log no map is known")
+            raise ValueError(f"{source.name}: the objective map is for worlds: a log has no true map")
 
 
 OBJECTIVES: dict[str, Objective] = {
@@ -55,9 +55,9 @@ OBJECTIVES: dict[str, Objective] = {
     "map": Objective("1 - IoU of walls", lambda figures: float(figures.map_loss.mean()), "world"),
     "time": Objective("time, ms per scan", lambda figures: figures.ms_per_scan, "nothing"),
 }
-"""By name. Of several sources the mean counts, over seeds the mean or the worst."""
+"""Objectives by name: a mean over the sources, and over the seeds the mean or the worst."""
 
 
 def values(objectives: tuple[str, ...], by_source: list[Figures]) -> list[float]:
-    """The objectives of a trial."""
+    """Return the objectives of a trial."""
     return [float(np.mean([OBJECTIVES[name].of(figures) for figures in by_source])) for name in objectives]

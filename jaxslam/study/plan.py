@@ -1,4 +1,4 @@
-"""What a study is: logs, a search space, seeds, objectives. Read from TOML, checked before anything runs."""
+"""The plan of a study: logs, search space, seeds, objectives. Read from TOML, checked before any run."""
 
 import dataclasses
 import difflib
@@ -19,30 +19,31 @@ from jaxslam.study.space import Space
 
 SAMPLERS = ("tpe", "cma-es", "nsga-ii", "random")
 HELD_OUT_SEEDS = 1000
-"""The first of the seeds that are held out, unless the plan names some."""
+"""The first held-out seed, unless the plan gives its own."""
 MOST_SEEDS = 10_000
-"""More runs of one configuration are a slip of the pen."""
+"""Most runs of one configuration; a larger number is probably a typing error."""
 DRIVE = 60.0
-"""Seconds of a simulated drive of which nothing else is said."""
+"""Default duration of a simulated drive, seconds."""
 LONGEST = 86_400
-"""Seconds of a drive; all of its scans are kept in memory."""
+"""Longest duration of a drive, seconds; all of its scans are kept in memory."""
 _LARGEST_SEED = 2**32 - 1
-"""Of larger ones `jax.random.key` takes the last 32 bits alone."""
+"""`jax.random.key` uses only the last 32 bits of a larger seed."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """What is mapped: a log on disk with what it is measured by, or a simulated drive with the truth.
+    """Data to map: a log on disk with its reference, or a simulated drive with the ground truth.
 
     Attributes:
-        name: for tables.
+        name: name in tables.
         log: path of the log; None for a simulation.
         relations: path of known relations, for a log.
         reference: path of a reference trajectory (TUM), for a log.
-        world: of `jaxslam.sim.WORLDS`; None for a log.
-        duration: seconds driven in a world, 60 if not given; of a log the first so many, all if not given.
-        seed: of the simulation's noise.
-        lidar: name of a preset, or what the scans tell of one that is none; None lets them choose.
+        world: name in `jaxslam.sim.WORLDS`; None for a log.
+        duration: seconds to drive in a world (60 if not given), or to read from the start of a log (all if
+            not given).
+        seed: seed of the simulation's noise.
+        lidar: name of a preset, or the properties of the lidar; None detects them from the scans.
     """
 
     name: str
@@ -60,18 +61,18 @@ class Plan:
     """A study.
 
     Attributes:
-        name: in the storage.
+        name: name of the study in the storage.
         base: settings that differ from the defaults, by dotted name; the same in every trial.
-        sources: tuned on.
-        held_out: looked at once, in the end.
-        seeds: of every trial, the same ones: what differs between trials is then the settings.
-        held_out_seeds: for the end.
-        space: what is searched.
+        sources: data for tuning.
+        held_out: data for one final check.
+        seeds: seeds of every trial; all trials use the same ones, so that only their settings differ.
+        held_out_seeds: seeds of the final check.
+        space: the search space.
         objectives: names in `OBJECTIVES`, all minimized.
-        sampler: of `SAMPLERS`.
-        sampler_seed: of its random numbers.
-        trials: how many in all; sessions that share a study may each run a batch more.
-        batch: trials that are asked for at a time; those of one program run together.
+        sampler: one of `SAMPLERS`.
+        sampler_seed: seed of the sampler.
+        trials: total number of trials; sessions that share a study may each run one batch more.
+        batch: number of trials asked for at a time; trials that share a program run together.
     """
 
     name: str
@@ -90,15 +91,15 @@ class Plan:
     def configuration(
         self, settings: Mapping[str, Scalar], lidar: str | LidarPreset | None = None
     ) -> SlamConfig:
-        """The base with the settings of a trial.
+        """Return the base configuration with the settings of a trial.
 
         Raises:
-            ValueError: one of them is out of range.
+            ValueError: a setting is out of range.
         """
         return with_settings(with_settings(starting_with(lidar), self.base), settings)
 
     def described(self) -> dict[str, Any]:
-        """All that makes the values of two trials comparable, as JSON has it."""
+        """Return, as JSON types, all that must be equal for the values of two trials to be comparable."""
         kept = dataclasses.asdict(self)
         for name in ("sampler", "sampler_seed", "trials", "batch", "held_out", "held_out_seeds"):
             del kept[name]
@@ -106,7 +107,7 @@ class Plan:
 
 
 def starting_with(lidar: str | LidarPreset | Mapping[str, Any] | None) -> SlamConfig:
-    """The defaults with a lidar: its name, or the preset itself, also as JSON has it."""
+    """Return the default configuration with a lidar, given by name, preset or JSON dictionary."""
     if lidar is None:
         return SlamConfig()
     if isinstance(lidar, str):
@@ -119,7 +120,7 @@ def starting_with(lidar: str | LidarPreset | Mapping[str, Any] | None) -> SlamCo
 
 
 def with_settings(configuration: SlamConfig, settings: Mapping[str, Scalar]) -> SlamConfig:
-    """The same with other settings; `method` is one of them."""
+    """Return a configuration with changed settings; `method` is one of them."""
     rest = dict(settings)
     method = rest.pop("method", None)
     if method is not None:
@@ -128,12 +129,12 @@ def with_settings(configuration: SlamConfig, settings: Mapping[str, Scalar]) -> 
 
 
 def read_plan(path: str | Path) -> Plan:
-    """Reads and checks a study.
+    """Read and check a study.
 
     Raises:
         ValueError: the file is not TOML, a name in it is not known (the nearest is named), a value is out of
-            range, the space is empty, or nothing is there to measure by; one line.
-        OSError: it cannot be read.
+            range, the space is empty, or a source has no reference; one line.
+        OSError: the file cannot be read.
     """
     path = Path(path)
     try:
@@ -157,7 +158,7 @@ def _plan(tables: dict[str, Any], path: Path) -> Plan:
         if not (type(given[key]) is int and given[key] >= least):
             raise ValueError(f"study.{key} is {given[key]!r}: give a whole number, {least} or more")
     name = given["name"]
-    # It names files as well.
+    # The name is also used for files.
     if not (isinstance(name, str) and name.isprintable() and name.strip(". ") and not set(name) & set("/\\")):
         raise ValueError(f"study.name is {name!r}: give text that can be the name of a file")
     base = _base(study, _table(tables, "filter"), path.parent)
@@ -170,9 +171,7 @@ def _plan(tables: dict[str, Any], path: Path) -> Plan:
     objectives = _chosen(given["objectives"], tuple(OBJECTIVES), "study.objectives")
     [sampler] = _chosen([given["sampler"]], SAMPLERS, "study.sampler")
     if sampler == "cma-es" and len(objectives) > 1:
-        raise ValueError(
-            "study.sampler is cma-es, which takes one objective: take nsga-ii or tpe for several"
-        )
+        raise ValueError("study.sampler is cma-es, which takes one objective: use nsga-ii or tpe for several")
     sources = _sources(tables.get("logs", []), "logs", path.parent)
     if not sources:
         raise ValueError("no [[logs]]: give one or more to tune on")
@@ -216,7 +215,7 @@ _DEFAULTS: dict[str, Any] = {
 
 
 def _base(study: Mapping[str, Any], settings: dict[str, Any], folder: Path) -> dict[str, Scalar]:
-    """What differs from the defaults: a method, a file, the table [filter], in this order."""
+    """Collect the differences from the defaults: the method, a file, the table [filter], in this order."""
     base: dict[str, Scalar] = {}
     if "method" in study:
         base["method"] = study["method"]
@@ -224,7 +223,7 @@ def _base(study: Mapping[str, Any], settings: dict[str, Any], folder: Path) -> d
         file = _existing(study["config"], folder, "study.config")
         base |= toml.read_settings(file)  # type: ignore[arg-type]
     base |= toml.named(settings)  # type: ignore[arg-type]
-    # Complaints about them come from here, and not from the first trial.
+    # Report invalid settings here, before the first trial.
     with_settings(SlamConfig(), base)
     return base
 
@@ -269,7 +268,7 @@ def _sources(tables: Any, name: str, folder: Path) -> tuple[Source, ...]:
 
 
 def _check_bounds(plan: Plan) -> None:
-    """Tries both ends of every parameter: a setting that no filter takes should not cost a trial."""
+    """Check both ends of every parameter, so that an invalid bound does not cost a trial."""
     for parameter in plan.space.parameters:
         holds = plan.space.where_it_applies(parameter, plan.configuration({}))
         for value in parameter.ends():
@@ -282,7 +281,7 @@ def _check_bounds(plan: Plan) -> None:
 def _existing(path: Any, folder: Path, name: str) -> Path:
     if not isinstance(path, str):
         raise ValueError(f"{name} is {path!r}: give a path as text")
-    # As seen from the study's file.
+    # Paths are relative to the study's file.
     full = (folder / path).resolve()
     if not full.exists():
         raise ValueError(f"{name}: {full} is not there")

@@ -1,5 +1,6 @@
-"""What a study found: tables, importances, pictures, and the best configurations as files."""
+"""Report of a study: tables, importances, plots, and the best configurations as files."""
 
+import dataclasses
 import json
 import warnings
 from collections.abc import Callable, Sequence
@@ -24,14 +25,14 @@ from jaxslam.viz import style
 SHOWN = 10
 """Trials in the printed table."""
 FEWEST = 5
-"""With fewer trials nothing is said of what matters."""
+"""With fewer trials, importances are not computed."""
 _MOST_TICKS = 5
 _ABSENT = -0.1
 """Height in the parallel coordinates of a trial that has no such parameter."""
 _WIDE = 20.0
-"""Where one value is so many times the median, the scale is logarithmic."""
+"""The scale is logarithmic if the largest value exceeds the median by this factor."""
 _APART = 0.045
-"""Distance of two numbers at the Pareto front, as a share of the axes."""
+"""Smallest distance of two trial numbers on the Pareto front, as a share of the axes."""
 
 
 @dataclass(frozen=True)
@@ -39,13 +40,13 @@ class Summary:
     """A study at a glance.
 
     Attributes:
-        objectives: their names.
+        objectives: names of the objectives.
         complete: trials with values, best first (by the first objective).
-        failed: trials without, and why.
-        lost: how many trials were left behind by processes that were killed, or are in flight.
-        front: those of `complete` than which none is better in all objectives; of one objective, the best.
-        importances: for every objective the share of its variance by parameter; empty where too few trials
-            are there to tell.
+        failed: number and reason of every failed trial.
+        lost: number of trials that are in flight, or were left behind by killed processes.
+        front: the Pareto front of `complete`; for one objective, the best trial.
+        importances: share of every parameter in an objective's variance, by objective; empty if there are
+            too few trials.
     """
 
     objectives: tuple[str, ...]
@@ -57,7 +58,7 @@ class Summary:
 
     @property
     def best(self) -> FrozenTrial:
-        """The best by the first objective.
+        """Return the best trial by the first objective.
 
         Raises:
             ValueError: no trial has values.
@@ -68,7 +69,7 @@ class Summary:
 
 
 def summarize(store: Store, objectives: Sequence[str]) -> Summary:
-    """Looks through a study."""
+    """Collect the trials and importances of a study."""
     trials = store.trials()
     complete = [trial for trial in trials if trial.state == TrialState.COMPLETE]
     failed = [(trial.number, reason) for trial in trials if (reason := failure(trial)) is not None]
@@ -83,7 +84,7 @@ def summarize(store: Store, objectives: Sequence[str]) -> Summary:
 
 
 def trial_table(summary: Summary, count: int | None = None) -> str:
-    """The trials as a Markdown table, best first; those of the front are marked."""
+    """Return the trials as a Markdown table, best first; a star marks the Pareto front."""
     names = _names(summary)
     front = {trial.number for trial in summary.front}
     labels = [OBJECTIVES[name].label for name in summary.objectives]
@@ -100,10 +101,10 @@ def trial_table(summary: Summary, count: int | None = None) -> str:
 
 
 def importance_table(summary: Summary) -> str:
-    """How much of an objective's variance each parameter makes, as a Markdown table."""
+    """Return the share of each parameter in an objective's variance as a Markdown table."""
     names = list(dict.fromkeys(name for shares in summary.importances.values() for name in shares))
     if not names:
-        return "Too few trials to tell which parameters matter."
+        return "Too few trials to estimate which parameters matter."
     labels = [OBJECTIVES[name].label for name in summary.objectives]
     lines = ["| importance for | " + " | ".join(names) + " |", "|" + "---|" * (1 + len(names))]
     for objective, label in zip(summary.objectives, labels, strict=True):
@@ -114,12 +115,12 @@ def importance_table(summary: Summary) -> str:
 
 
 def write_report(folder: Path, store: Store, plan: dict[str, Any]) -> Summary:
-    """Writes `report.md`, `trials.json`, `best.toml` (and one file for each of the front) and pictures.
+    """Write `report.md`, `trials.json`, `best.toml` (and one file per trial of the front) and plots.
 
     Args:
-        folder: exists.
+        folder: an existing folder.
         store: the study.
-        plan: what describes it, as in the storage.
+        plan: the description of the plan, as in the storage.
 
     Raises:
         ValueError: no trial has values.
@@ -127,15 +128,13 @@ def write_report(folder: Path, store: Store, plan: dict[str, Any]) -> Summary:
     """
     summary = summarize(store, plan["objectives"])
     best = summary.best
-    # What an earlier report has said, and this one may not say again.
+    # Files of an earlier report that this report may not write again.
     for path in (*folder.glob("front-*.toml"), folder / "importance.png"):
         path.unlink(missing_ok=True)
     several = len(summary.objectives) > 1
     text = [f"# {store.study.study_name}", counts(summary), trial_table(summary), importance_table(summary)]
     if several:
-        text.insert(
-            3, "Than a trial with a star none is better in all objectives: they are the Pareto front."
-        )
+        text.insert(3, "Stars mark the Pareto front: no other trial is better in all objectives.")
     (folder / "report.md").write_text("\n\n".join(text) + "\n", encoding="utf-8")
     rows = [
         {"number": trial.number, "values": trial.values, "settings": trial.params, "failure": failure(trial)}
@@ -151,7 +150,7 @@ def write_report(folder: Path, store: Store, plan: dict[str, Any]) -> Summary:
 
 
 def counts(summary: Summary) -> str:
-    """How many trials there are, in a line, and why some of them failed."""
+    """Return one line with the number of trials and the reasons for failures."""
     failed, lost = len(summary.failed), summary.lost
     complete = len(summary.complete)
     trials = "trial" if complete == 1 else "trials"
@@ -163,18 +162,19 @@ def counts(summary: Summary) -> str:
 
 
 def write_configuration(path: Path, plan: dict[str, Any], settings: dict[str, Scalar]) -> None:
-    """A trial's whole filter as TOML for `jaxslam run --config`.
+    """Write a trial's complete configuration as TOML for `jaxslam run --config`.
 
-    A lidar that is not tuned is left out: the log chooses. One that is, is that of the first source.
+    If no setting of the lidar is tuned, the file has no lidar, and `run` detects it from the log. Otherwise
+    it has the lidar of the first source.
     """
     start = starting_with(plan["sources"][0]["lidar"])
     configuration = with_settings(with_settings(start, plan["base"]), settings)
     tuned_lidar = any(name.startswith("lidar.") for name in {**plan["base"], **settings})
-    path.write_text(toml.dumps(configuration, without=None if tuned_lidar else "lidar"), encoding="utf-8")
+    toml.save(path, configuration if tuned_lidar else dataclasses.replace(configuration, lidar=None))
 
 
 def draw(folder: Path, summary: Summary) -> None:
-    """History, parallel coordinates and importances; of two objectives the Pareto front."""
+    """Draw history, parallel coordinates and importances; for two objectives also the Pareto front."""
     several = len(summary.objectives)
     _save(folder / "history.png", summary, _draw_history, (7, 2.9 * several + 0.4))
     width = 1.6 * (len(_names(summary)) + several) + 2
@@ -206,7 +206,7 @@ def _draw_history(figure: Figure, summary: Summary) -> None:
         ax.plot(numbers, reached, "o", color=style.NEUTRAL, markersize=3.5, label="trial")
         ax.step(numbers, best, where="post", color=style.ESTIMATE, label="best so far")
         if failed:
-            # They have no value: on the lower edge, whatever the scale is.
+            # Failed trials have no value: draw them on the lower edge, whatever the scale is.
             edge = ax.get_xaxis_transform()
             ax.plot(
                 failed,
@@ -225,14 +225,14 @@ def _draw_history(figure: Figure, summary: Summary) -> None:
 
 
 def draw_parallel(figure: Figure, summary: Summary) -> None:
-    """Every trial as a line over its settings and its objectives, each on a scale of its own."""
+    """Draw every trial as a line over its settings and objectives, each with its own scale."""
     ax = figure.subplots()
     names = _names(summary)
     columns = [_setting_column(summary, name) for name in names]
     for index in range(len(summary.objectives)):
         columns.append(_column([trial.values[index] for trial in summary.complete]))
     worst = len(summary.complete) - 1
-    # The best are drawn last, on top of the others.
+    # Draw the best trials last, on top of the others.
     for rank in range(worst, -1, -1):
         shade = 0.85 * rank / max(worst, 1)
         line = [heights[rank] for heights, _ in columns]
@@ -266,7 +266,7 @@ def draw_parallel(figure: Figure, summary: Summary) -> None:
 
 
 def _names(summary: Summary) -> list[str]:
-    """Of all parameters that any trial has, those of the best first."""
+    """Return the names of all parameters of the trials, those of the best trial first."""
     return list(dict.fromkeys(name for trial in summary.complete for name in trial.params))
 
 
@@ -276,13 +276,13 @@ def _setting_column(summary: Summary, name: str) -> tuple[list[float], dict[floa
     there, ticks = _column([trial.params[name] for trial in having], log)
     heights = dict(zip((trial.number for trial in having), there, strict=True))
     if len(having) < len(summary.complete):
-        # Below its axis, those whose parts have no such setting.
+        # Trials without this setting are drawn below its axis.
         ticks[_ABSENT] = "none"
     return [heights.get(trial.number, _ABSENT) for trial in summary.complete], ticks
 
 
 def _column(values: Sequence[Scalar], log: bool | None = None) -> tuple[list[float], dict[float, str]]:
-    """Heights 0 to 1 of values on an axis, of choices evenly; and what stands beside which height."""
+    """Return the heights 0 to 1 of values on an axis (choices evenly spaced), and tick labels by height."""
     if any(isinstance(value, str | bool) for value in values):
         known = sorted(set(map(str, values)))
         heights = [known.index(str(value)) / max(len(known) - 1, 1) for value in values]
@@ -297,13 +297,13 @@ def _column(values: Sequence[Scalar], log: bool | None = None) -> tuple[list[flo
 
 
 def _is_wide(values: Sequence[Any]) -> bool:
-    """Whether some are so much larger that the others would look equal."""
+    """Return whether a few values are so large that the others would look equal."""
     return bool(min(values) > 0 and max(values) > _WIDE * np.median(values))
 
 
 def _draw_importances(figure: Figure, summary: Summary) -> None:
     axes = figure.subplots(1, len(summary.objectives), squeeze=False, sharey=True)[0]
-    # In one order for all, that of the first objective.
+    # All objectives use the order of the first one.
     names = list(dict.fromkeys(name for shares in summary.importances.values() for name in shares))[::-1]
     for ax, objective in zip(axes, summary.objectives, strict=True):
         shares = summary.importances[objective]
@@ -316,7 +316,7 @@ def _draw_importances(figure: Figure, summary: Summary) -> None:
 def _draw_front(figure: Figure, summary: Summary) -> None:
     ax = figure.subplots()
     ax.plot(*_objectives(summary.complete), "o", color=style.NEUTRAL, markersize=4, label="trial")
-    # Between two of them nothing is known to be reached but the worse of both in each objective.
+    # Between two trials of the front, only the worse value of both is known to be reachable.
     front = _objectives(summary.front)
     ax.step(*front, "o-", where="post", color=style.REFERENCE, linewidth=1.2, label="Pareto front")
     if _is_wide(front[0]) or _is_wide(_objectives(summary.complete)[0]):
@@ -329,7 +329,7 @@ def _draw_front(figure: Figure, summary: Summary) -> None:
     labelled: list[Any] = []
     for trial in summary.front:
         at = ax.transAxes.inverted().transform(ax.transData.transform(trial.values))
-        # Where they lie close together their numbers would cover each other.
+        # Numbers of trials that lie close together would overlap.
         if all(np.abs(at - other).max() > _APART for other in labelled):
             labelled.append(at)
             ax.annotate(
@@ -348,7 +348,7 @@ def _objectives(trials: Sequence[FrozenTrial]) -> tuple[list[float], list[float]
 
 
 def _importances(study: optuna.Study, index: int) -> dict[str, float]:
-    """By fANOVA; empty where it cannot be told."""
+    """Return fANOVA importances; empty if they cannot be computed."""
     if len(study.get_trials(deepcopy=False, states=[TrialState.COMPLETE])) < FEWEST:
         return {}
     with warnings.catch_warnings():
@@ -360,10 +360,10 @@ def _importances(study: optuna.Study, index: int) -> dict[str, float]:
                 target=lambda trial: trial.values[index],
             )
         except (ValueError, RuntimeError):
-            # All are of one value, or have no parameter in common.
+            # All trials have the same value, or no parameter in common.
             return {}
 
 
 def cell(value: Scalar) -> str:
-    """A setting as tables and messages have it."""
+    """Format a setting for tables and messages."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)

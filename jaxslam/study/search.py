@@ -1,4 +1,4 @@
-"""The trials of a study: ask for settings, run them, tell what they were worth."""
+"""The trials of a study: ask the sampler for settings, run them, and report their objectives."""
 
 import dataclasses
 import time
@@ -20,18 +20,18 @@ from jaxslam.study.space import Parameter
 from jaxslam.study.storage import Store, failure, open_study
 
 HOPELESS = 5
-"""If so many trials fail before one succeeds, something is wrong with all of them."""
+"""A study stops if its first trials, this many, all fail."""
 
 
 @dataclass(frozen=True)
-class Told:
-    """A trial that came to an end.
+class TrialResult:
+    """A finished trial.
 
     Attributes:
-        number: in the study.
-        settings: what was tried.
-        values: its objectives, or why there are none.
-        seconds: that it took, with all that ran beside it.
+        number: number in the study.
+        settings: settings by dotted name.
+        values: the objectives, or the reason for the failure.
+        seconds: duration of the batch in which the trial ran.
     """
 
     number: int
@@ -41,20 +41,20 @@ class Told:
 
 
 def keep_programs(folder: Path) -> None:
-    """Compiled programs are kept in a folder: for the workers beside this one, and for the next session."""
+    """Cache compiled programs in a folder, shared with other workers and later sessions."""
     if jax.config.jax_compilation_cache_dir != str(folder):  # type: ignore[attr-defined]
-        # Else JAX stays with what it has settled for when it compiled first.
+        # Without a reset, JAX keeps the cache that it chose at its first compilation.
         compilation_cache.reset_cache()
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 
 
 def with_lidars(plan: Plan) -> Plan:
-    """The plan with the lidar of every source, as its scans tell it: it is a part of what is tried.
+    """Return the plan with the lidar of every source, detected from its scans.
 
     Raises:
-        ValueError: a source, held out or not, has no odometry, or nothing that it could be measured by.
-        OSError: one cannot be read.
+        ValueError: a source, held out or not, has no odometry or no overlap with its reference.
+        OSError: a source cannot be read.
     """
     for source in (*plan.sources, *plan.held_out):
         check_source(plan, source)
@@ -63,7 +63,7 @@ def with_lidars(plan: Plan) -> Plan:
 
 
 def with_few_programs(plan: Plan) -> Plan:
-    """The plan with a step for every number on which the program depends, so that few are compiled."""
+    """Return the plan with a step for every size of a program, so that few programs are compiled."""
     base = plan.configuration({}, plan.sources[0].lidar)
 
     def is_size(parameter: Parameter) -> bool:
@@ -74,8 +74,8 @@ def with_few_programs(plan: Plan) -> Plan:
     return dataclasses.replace(plan, space=plan.space.with_steps(is_size))
 
 
-def run_trials(plan: Plan, url: str, on_trial: Callable[[Store, Told], None]) -> Store:
-    """Goes on until the study has as many finished trials as the plan asks for.
+def run_trials(plan: Plan, url: str, on_trial: Callable[[Store, TrialResult], None]) -> Store:
+    """Run trials until the study has the number of finished trials of the plan.
 
     Raises:
         ValueError: the storage cannot be used, a source cannot be read, or the first trials all fail.
@@ -85,22 +85,22 @@ def run_trials(plan: Plan, url: str, on_trial: Callable[[Store, Told], None]) ->
     with Interrupts() as interrupts:
         store = open_study(plan, url)
         while (count := len(store.finished())) < plan.trials:
-            for told in run_batch(plan, store, min(plan.batch, plan.trials - count), interrupts):
-                on_trial(store, told)
+            for result in run_batch(plan, store, min(plan.batch, plan.trials - count), interrupts):
+                on_trial(store, result)
             check_hope(store)
     return store
 
 
-def run_batch(plan: Plan, store: Store, count: int, interrupts: Interrupts) -> list[Told]:
-    """Asks for so many trials, runs those of one program together, and tells each when all are done.
+def run_batch(plan: Plan, store: Store, count: int, interrupts: Interrupts) -> list[TrialResult]:
+    """Ask for a batch of trials, run those that share a program together, and record all outcomes.
 
     Args:
-        plan: of the study.
+        plan: plan of the study.
         store: the study.
-        count: how many trials.
-        interrupts: let through while they run; then they are lost.
+        count: number of trials.
+        interrupts: lets Ctrl-C through while the trials run; interrupted trials are lost.
     """
-    store.give_up_lost()
+    store.fail_stale_trials()
     started = time.perf_counter()
     trials = store.ask(count)
     try:
@@ -116,7 +116,7 @@ def run_batch(plan: Plan, store: Store, count: int, interrupts: Interrupts) -> l
         raise
     seconds = time.perf_counter() - started
     return [
-        Told(trial.number, tried, outcome if isinstance(outcome, str) else tuple(outcome), seconds)
+        TrialResult(trial.number, tried, outcome if isinstance(outcome, str) else tuple(outcome), seconds)
         for trial, tried, outcome in zip(trials, settings, outcomes, strict=True)
     ]
 
@@ -124,10 +124,10 @@ def run_batch(plan: Plan, store: Store, count: int, interrupts: Interrupts) -> l
 def evaluate(
     plan: Plan, sources: Sequence[Source], seeds: Sequence[int], settings: Sequence[dict[str, Scalar]]
 ) -> list[list[float] | str]:
-    """Objectives of every configuration, the mean over sources; or why there are none."""
+    """Return the objectives of every configuration, averaged over sources, or the reason for a failure."""
     by_source: list[list[Figures | TrialError]] = []
     for source in sources:
-        # What failed on one source is not run on the others.
+        # Settings that failed on one source are not run on the others.
         left = [index for index in range(len(settings)) if not _failed(by_source, index)]
         found: list[Figures | TrialError] = [TrialError("")] * len(settings)
         for index, each in zip(left, measure(plan, source, seeds, [settings[i] for i in left]), strict=True):
@@ -150,7 +150,7 @@ def _failed(by_source: Sequence[Sequence[Any]], index: int) -> TrialError | None
 
 
 def check_hope(store: Store) -> None:
-    """Raises `ValueError` if the first trials all failed."""
+    """Raise `ValueError` if the first trials all failed."""
     done = store.finished()
     if len(done) >= HOPELESS and all(trial.values is None for trial in done):
         raise ValueError(
@@ -161,17 +161,17 @@ def check_hope(store: Store) -> None:
 def held_out_table(
     plan: Plan, settings: dict[str, Scalar]
 ) -> list[tuple[str, list[float] | str, list[float] | str]]:
-    """Tuned settings beside those of the base: on what they were tuned on, and on what they were not.
+    """Compare tuned settings with the base, on the data used for tuning and on held-out data.
 
     Returns:
-        Rows of a name and two outcomes of `evaluate`: of the base, and of the tuned settings.
+        Rows with a name and two outcomes of `evaluate`: one for the base and one for the tuned settings.
     """
     rows = [
         ("tuned on, its seeds", plan.sources, plan.seeds),
         ("tuned on, other seeds", plan.sources, plan.held_out_seeds),
     ]
     rows += [(f"held out: {source.name}", (source,), plan.held_out_seeds) for source in plan.held_out]
-    # One by one: what runs beside it would count in its time.
+    # One by one: configurations that run together would add to each other's time.
     found = []
     for name, sources, seeds in rows:
         before, after = (evaluate(plan, sources, seeds, [tried])[0] for tried in ({}, settings))

@@ -1,4 +1,4 @@
-"""A search space: named settings, each with an interval or with choices."""
+"""The search space of a study: named settings, each with an interval or with choices."""
 
 import dataclasses
 import difflib
@@ -15,22 +15,22 @@ from jaxslam.config.slam import METHODS, SlamConfig
 
 METHOD = "method"
 VALUES_OF_A_SIZE = 5
-"""A number on which the program depends takes so many values, unless the space has a step for it, or a
+"""Number of values of a setting that changes the compiled program, unless the space gives it a step or a
 logarithmic scale."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One dimension.
+    """One dimension of the search space.
 
     Attributes:
-        name: dotted, as in `jaxslam config`, or `method`.
-        choices: to choose from; empty for an interval.
+        name: dotted name, as in `jaxslam config`, or `method`.
+        choices: the choices; empty for an interval.
         low: lower end of the interval, included.
-        high: its upper end, included.
-        step: between values; None where they are continuous.
-        log: whether equal ratios count as equal steps.
-        whole: whether it is a whole number.
+        high: upper end of the interval, included.
+        step: distance between values; None if they are continuous.
+        log: whether the scale is logarithmic.
+        whole: whether the values are whole numbers.
     """
 
     name: str
@@ -43,15 +43,15 @@ class Parameter:
 
     @property
     def chooses_a_part(self) -> bool:
-        """Whether other parameters may be there for some of its choices only."""
+        """Return whether other parameters may exist for some of its choices only."""
         return self.name == METHOD or self.name.endswith("." + KIND)
 
     def ends(self) -> tuple[Scalar, ...]:
-        """All choices, or both ends of the interval."""
+        """Return all choices, or both ends of the interval."""
         return self.choices or (self._number(self.low), self._number(self.high))
 
     def suggest(self, trial: Any) -> Scalar:
-        """The sampler's value for an Optuna trial."""
+        """Return the sampler's value for an Optuna trial."""
         if self.choices:
             return trial.suggest_categorical(self.name, self.choices)
         if self.whole:
@@ -72,27 +72,27 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Space:
-    """All parameters; those that choose a part come first."""
+    """A search space; parameters that choose a part of the filter come first."""
 
     parameters: tuple[Parameter, ...]
 
     @classmethod
     def of(cls, tables: Mapping[str, Any], base: SlamConfig) -> "Space":
-        """Reads and checks a space.
+        """Read and check a space.
 
         Args:
-            tables: by name, `[choice, …]` or `{low, high, step, log}` or `{choices}`.
-            base: the filter that is searched around.
+            tables: `[choice, …]` or `{low, high, step, log}` or `{choices}` by name.
+            base: the configuration that provides all other settings.
 
         Raises:
-            ValueError: an empty space, an unknown name (the nearest is named), an interval that is none.
+            ValueError: an empty space, an unknown name (the nearest is named), or an invalid interval.
         """
         if not tables:
             raise ValueError(
                 'the space is empty: give [space] some settings, such as "sensor.sigma_hit" = '
                 "{ low = 0.02, high = 0.3, log = true }"
             )
-        # What chooses a part decides which other names there are.
+        # The choice of a part determines which other names exist.
         names = sorted(tables, key=lambda name: not (name == METHOD or name.endswith("." + KIND)))
         kinds = {METHOD: next(iter(METHODS))}
         parts = [
@@ -115,11 +115,11 @@ class Space:
         return cls((*parts, *rest))
 
     def parts(self) -> list[Parameter]:
-        """Those that choose a part of the filter."""
+        """Return the parameters that choose a part of the filter."""
         return [parameter for parameter in self.parameters if parameter.chooses_a_part]
 
     def suggest(self, trial: Any, base: SlamConfig) -> dict[str, Scalar]:
-        """A trial's settings: first the parts, then what those parts have."""
+        """Suggest a trial's settings: first the parts, then the settings of those parts."""
         settings = {parameter.name: parameter.suggest(trial) for parameter in self.parts()}
         known = flatten(_chosen(base, settings))
         for parameter in self.parameters:
@@ -128,14 +128,14 @@ class Space:
         return settings
 
     def where_it_applies(self, parameter: Parameter, base: SlamConfig) -> dict[str, Scalar]:
-        """Choices of parts with which a filter has this parameter."""
+        """Return choices of parts with which a filter has this parameter."""
         if parameter.chooses_a_part:
             return {}
         choices = _combinations(self.parts())
         return next(choice for choice in choices if parameter.name in flatten(_chosen(base, choice)))
 
     def with_steps(self, is_size: Callable[[Parameter], bool]) -> "Space":
-        """The same with `VALUES_OF_A_SIZE` values where a number on an even scale decides the program."""
+        """Return the space with at most `VALUES_OF_A_SIZE` values for every linear size of a program."""
 
         def limited(parameter: Parameter) -> Parameter:
             if parameter.choices or parameter.step is not None or parameter.log or not is_size(parameter):
@@ -160,7 +160,7 @@ def _parameter(name: str, table: Any, known: Mapping[str, Scalar]) -> Parameter:
             raise ValueError(f"{where}: give a list of choices, and nothing beside it")
         for choice in choices:
             if not isinstance(choice, bool | int | float | str):
-                raise ValueError(f"{where}: {choice!r} is no choice: give numbers, text, true or false")
+                raise ValueError(f"{where}: {choice!r} is not a choice: give numbers, text, true or false")
             if choices.count(choice) > 1:
                 raise ValueError(f"{where}: {choice!r} is given twice among the choices")
         return Parameter(name, choices=tuple(choices))
@@ -168,12 +168,12 @@ def _parameter(name: str, table: Any, known: Mapping[str, Scalar]) -> Parameter:
     if unknown:
         raise ValueError(f"{where} has no {unknown[0]!r}: there are low, high, step, log and choices")
     if isinstance(value, bool | str):
-        raise ValueError(f"{where} is no number: give a list of choices")
+        raise ValueError(f"{where} is not a number: give a list of choices")
     if not {"low", "high"} <= set(table):
         raise ValueError(f"{where}: give low and high")
     for key in ("low", "high", "step"):
         number = table.get(key, 0)
-        # A whole number may be too large for a float.
+        # An int may be too large for a float.
         if type(number) not in (int, float) or not abs(number) <= sys.float_info.max:
             raise ValueError(f"{where}: {key} is {number!r}: give a finite number")
         if isinstance(value, int) and not isinstance(number, int):
@@ -191,13 +191,13 @@ def _parameter(name: str, table: Any, known: Mapping[str, Scalar]) -> Parameter:
 
 
 def _last(low: float, high: float, step: float) -> float:
-    """The last value of an interval that is whole steps from its first."""
+    """Return the last value of an interval that is a whole number of steps from its first."""
     last = _exact(low) + (_exact(high) - _exact(low)) // _exact(step) * _exact(step)
     return int(last) if isinstance(low, int) and isinstance(step, int) else float(last)
 
 
 def _exact(number: float) -> Decimal:
-    """As it is written: in binary ten times 0.1 is not 1, and the end of an interval would be lost."""
+    """Return a number as written in decimal: in binary, ten times 0.1 is not 1."""
     return Decimal(str(number))
 
 

@@ -1,4 +1,4 @@
-"""Where the trials of a study are kept: a SQLite file, or any database that SQLAlchemy has a URL for."""
+"""Storage of a study: a SQLite file, or any database with an SQLAlchemy URL."""
 
 import threading
 import warnings
@@ -20,7 +20,7 @@ from optuna.trial import FrozenTrial, TrialState
 from jaxslam.study.plan import Plan
 
 HEARTBEAT, GRACE = 10, 30
-"""Seconds between two signs of life of a trial, and after which one without counts as lost."""
+"""Seconds between two heartbeats of a trial, and seconds without a heartbeat until it counts as lost."""
 _ATTEMPTS = 20
 _PLAN = "plan"
 _FAILURE = "failure"
@@ -28,14 +28,14 @@ _ELSEWHERE = "give this one another name ([study] name), or another storage"
 
 
 def storage_url(storage: str) -> str:
-    """A URL as it is; of a path, that of the SQLite file there."""
+    """Return a URL unchanged; for a path, return the URL of the SQLite file there."""
     if "://" in storage:
         return storage
     return sqlalchemy.URL.create("sqlite", database=str(Path(storage).resolve())).render_as_string()
 
 
-def shown(url: str) -> str:
-    """A URL for messages: without the password in it, and a SQLite file as its path."""
+def redact_url(url: str) -> str:
+    """Return a URL for messages: without its password, and a SQLite file as its path."""
     try:
         parts = sqlalchemy.make_url(url)
     except sqlalchemy.exc.ArgumentError:
@@ -50,37 +50,37 @@ class Store:
     """A study in its storage.
 
     Attributes:
-        study: Optuna's.
-        storage: that keeps it.
+        study: the Optuna study.
+        storage: the storage that holds it.
     """
 
     study: optuna.Study
     storage: RDBStorage
 
     def trials(self) -> list[FrozenTrial]:
-        """All trials, those in flight and those lost with them."""
+        """Return all trials, including those in flight and lost ones."""
         return self.study.get_trials(deepcopy=False)
 
     def finished(self) -> list[FrozenTrial]:
-        """Trials that came to an end: with values, or with a failure that they tell of.
+        """Return the finished trials: with values, or with a recorded failure.
 
-        Those that a killed process left behind are neither, and are made up for.
+        A trial left behind by a killed process is neither; the study runs another one in its place.
         """
         return [trial for trial in self.trials() if trial.state == TrialState.COMPLETE or failure(trial)]
 
-    def give_up_lost(self) -> None:
-        """Marks the trials of which nothing was heard any more as failed."""
+    def fail_stale_trials(self) -> None:
+        """Mark trials whose heartbeat has stopped as failed."""
         with _known_warnings():
             optuna.storages.fail_stale_trials(self.study)
 
     def ask(self, count: int) -> list[optuna.Trial]:
-        """New trials, as the sampler wants them."""
+        """Ask the sampler for new trials."""
         with _known_warnings():
             return [self.study.ask() for _ in range(count)]
 
     def tell(self, trial: optuna.Trial, outcome: Sequence[float] | str) -> None:
-        """Records the values of a trial, or why there are none."""
-        # Who slept for longer than the grace, as computers do, has been given up by another process.
+        """Record the values of a trial, or the reason for its failure."""
+        # If this computer slept for longer than the grace period, another process has failed the trial.
         with suppress(UpdateFinishedTrialError):
             if isinstance(outcome, str):
                 trial.set_user_attr(_FAILURE, outcome)
@@ -89,13 +89,13 @@ class Store:
                 self.study.tell(trial, list(outcome), skip_if_finished=True)
 
     def give_up(self, trials: Sequence[optuna.Trial]) -> None:
-        """Marks trials as lost, of which nobody knows what they are worth."""
+        """Mark trials as lost: their values are unknown."""
         for trial in trials:
             self.study.tell(trial, state=TrialState.FAIL, skip_if_finished=True)
 
     @contextmanager
     def alive(self, trials: Sequence[optuna.Trial]) -> Iterator[None]:
-        """Signs of life of these trials, meanwhile: a process that is killed gives no more."""
+        """Record heartbeats of these trials while the context is open; a killed process sends no more."""
         study_id = self.storage.get_study_id_from_name(self.study.study_name)
         ids = [
             self.storage.get_trial_id_from_study_id_trial_number(study_id, trial.number) for trial in trials
@@ -108,11 +108,11 @@ class Store:
 
         def beat_on() -> None:
             while not done.wait(HEARTBEAT):
-                # A storage that cannot be reached now may be at the next beat.
+                # A storage that is unreachable now may be back at the next heartbeat.
                 with suppress(sqlalchemy.exc.SQLAlchemyError, StorageInternalError):
                     beat()
 
-        # Optuna waits for ever for a trial that never gave one.
+        # Optuna never fails a trial without a first heartbeat.
         beat()
         thread = threading.Thread(target=beat_on, daemon=True)
         thread.start()
@@ -124,20 +124,20 @@ class Store:
 
 
 def failure(trial: FrozenTrial) -> str | None:
-    """Why a trial has no values; None if it has, or was lost."""
+    """Return why a trial has no values; None if it has values or was lost."""
     return trial.user_attrs.get(_FAILURE)
 
 
 def connect(url: str) -> RDBStorage:
-    """A storage, with its tables made where there are none.
+    """Open a storage and create its tables if they are missing.
 
     Raises:
-        ValueError: it cannot be opened or written; one line.
+        ValueError: the storage cannot be opened or written; one line.
     """
     # Workers wait for each other's writes.
     arguments = {"timeout": 60} if url.startswith("sqlite") else {}
-    # Without its driver, and with the tables of another version of Optuna.
-    with complaints(url, ImportError, RuntimeError), _known_warnings():
+    # ImportError: the driver is missing. RuntimeError: the tables are of another version of Optuna.
+    with storage_errors(url, ImportError, RuntimeError), _known_warnings():
         for _ in range(_ATTEMPTS):
             try:
                 return RDBStorage(
@@ -147,32 +147,32 @@ def connect(url: str) -> RDBStorage:
                     grace_period=GRACE,
                 )
             except sqlalchemy.exc.DBAPIError as error:
-                # Another process has made the same table between our look and our making it.
+                # Another process has created the same table between the check and the creation.
                 made = isinstance(error, sqlalchemy.exc.IntegrityError) or "already exists" in str(error.orig)
                 if not made:
                     raise
-        raise RuntimeError("its tables are there and are not")
+        raise RuntimeError(f"its tables could not be created in {_ATTEMPTS} attempts")
 
 
 @contextmanager
-def complaints(url: str, *more: type[Exception]) -> Iterator[None]:
-    """What a storage complains of, and `more`, as a `ValueError` of one line."""
+def storage_errors(url: str, *more: type[Exception]) -> Iterator[None]:
+    """Turn errors of a storage, and those of types `more`, into a one-line `ValueError`."""
     caught: tuple[type[Exception], ...] = (sqlalchemy.exc.SQLAlchemyError, StorageInternalError, *more)
     try:
         yield
     except caught as error:
-        raise ValueError(f"{shown(url)}: this storage cannot be used: {_reason(error)}") from None
+        raise ValueError(f"{redact_url(url)}: this storage cannot be used: {_reason(error)}") from None
 
 
 def open_study(plan: Plan, url: str) -> Store:
-    """The study of that plan in a storage, made if it is not there.
+    """Open the study of a plan in a storage, and create it if it is missing.
 
     Raises:
-        ValueError: the storage has a study of that name by another plan, or cannot be written.
+        ValueError: the storage has a study of that name with another plan, or cannot be written.
     """
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     storage = connect(url)
-    with complaints(url):
+    with storage_errors(url):
         study = optuna.create_study(
             storage=storage,
             sampler=_ByNumber(lambda number: _sampler(plan, number)),
@@ -182,11 +182,13 @@ def open_study(plan: Plan, url: str) -> Store:
         )
         before = study.user_attrs.get(_PLAN)
         if before is None and study.get_trials(deepcopy=False):
-            raise ValueError(f"{shown(url)}: its study {plan.name!r} is not one of jaxslam's: {_ELSEWHERE}")
+            raise ValueError(
+                f"{redact_url(url)}: its study {plan.name!r} is not one of jaxslam's: {_ELSEWHERE}"
+            )
         if before is not None and before != plan.described():
             raise ValueError(
-                f"{shown(url)} has a study {plan.name!r} whose logs, seeds, filter, space or objectives are "
-                f"others: {_ELSEWHERE}"
+                f"{redact_url(url)} has a study {plan.name!r} with other logs, seeds, filter, space or "
+                f"objectives: {_ELSEWHERE}"
             )
         if before is None:
             study.set_user_attr(_PLAN, plan.described())
@@ -194,17 +196,17 @@ def open_study(plan: Plan, url: str) -> Store:
 
 
 def load_study(url: str, name: str | None) -> tuple[Store, dict[str, Any]]:
-    """A study to report on, and what describes its plan.
+    """Load a study for a report, and the description of its plan.
 
     Raises:
-        ValueError: there is none, or not the one that was named, or several of which none was.
+        ValueError: the storage has no study, no study of that name, or several studies and no name is given.
     """
-    with complaints(url, ImportError):
+    with storage_errors(url, ImportError):
         parts = sqlalchemy.make_url(url)
         is_file = parts.get_backend_name() == "sqlite" and parts.database and not parts.query
         if is_file and not Path(parts.database or "").exists():
             raise ValueError(f"{parts.database} is not there: give the storage of a study")
-        # Optuna would make its tables in any database: who only looks changes none.
+        # Optuna would create its tables in any database, but a report must not change one.
         engine = sqlalchemy.create_engine(parts)
         has_tables = sqlalchemy.inspect(engine).has_table("studies")
         engine.dispose()
@@ -212,22 +214,22 @@ def load_study(url: str, name: str | None) -> tuple[Store, dict[str, Any]]:
     storage = connect(url) if has_tables else None
     names = [] if storage is None else optuna.get_all_study_names(storage)
     if storage is None or not names:
-        raise ValueError(f"{shown(url)}: no study in it")
+        raise ValueError(f"{redact_url(url)}: no study in it")
     if name is None and len(names) > 1:
-        raise ValueError(f"{shown(url)} has several studies: give --name, one of {', '.join(names)}")
+        raise ValueError(f"{redact_url(url)} has several studies: give --name, one of {', '.join(names)}")
     if name is not None and name not in names:
-        raise ValueError(f"{shown(url)} has no study {name!r}: there are {', '.join(names)}")
+        raise ValueError(f"{redact_url(url)} has no study {name!r}: there are {', '.join(names)}")
     study = optuna.load_study(study_name=name or names[0], storage=storage)
     plan = study.user_attrs.get(_PLAN)
     if plan is None:
-        raise ValueError(f"{shown(url)}: the study {study.study_name!r} is not one of jaxslam's")
+        raise ValueError(f"{redact_url(url)}: the study {study.study_name!r} is not one of jaxslam's")
     return Store(study, storage), plan
 
 
 @contextmanager
 def _known_warnings() -> Iterator[None]:
     with warnings.catch_warnings():
-        # Optuna has had signs of life as an experiment since its version 2; `alive` gives them here.
+        # Heartbeats have been experimental in Optuna since version 2; here `alive` sends them.
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
         warnings.filterwarnings("ignore", "Heartbeat of storage", UserWarning)
         yield
@@ -239,9 +241,9 @@ def _reason(error: BaseException) -> str:
 
 
 class _ByNumber(BaseSampler):
-    """A sampler whose draws hang on the trial's number only.
+    """A sampler whose draws depend on the trial's number only.
 
-    Those who go on with a study, or share it, would otherwise draw the same numbers again: the same trials.
+    Otherwise sessions that continue or share a study would draw the same random numbers and repeat trials.
     """
 
     def __init__(self, make: Callable[[int], BaseSampler]):
@@ -285,7 +287,7 @@ class _ByNumber(BaseSampler):
 def _sampler(plan: Plan, number: int) -> BaseSampler:
     seed = int(np.random.SeedSequence((plan.sampler_seed, number)).generate_state(1)[0])
     if plan.sampler == "cma-es":
-        # It cannot choose: choices, and what only some of them have, are drawn.
+        # CMA-ES cannot handle choices: they, and parameters that depend on them, are drawn at random.
         return CmaEsSampler(seed=seed, warn_independent_sampling=False)
     if plan.sampler == "nsga-ii":
         return NSGAIISampler(seed=seed, population_size=max(4, min(50, plan.trials // 4)))

@@ -15,28 +15,27 @@ from dask.distributed import Client, KilledWorker, Worker, WorkerPlugin, as_comp
 
 from jaxslam.study.interrupts import Interrupts
 from jaxslam.study.plan import Plan
-from jaxslam.study.search import Told, check_hope, keep_programs, run_batch
-from jaxslam.study.storage import Store, open_study, shown
+from jaxslam.study.search import TrialResult, check_hope, keep_programs, run_batch
+from jaxslam.study.storage import Store, open_study, redact_url
 from jaxslam.xla.sharding import cores
 
 CONNECT = 10
 """Seconds to wait for a scheduler."""
 RETRIES = 2
-"""How often a task begins anew that could not reach the storage, or the like."""
-
+"""Retries of a task after an error, such as an unreachable storage."""
 MOST_WORKERS = 1024
-"""Processes of one machine: more are an address without its scheme."""
+"""Most processes of one machine; a larger number is probably the port of an address without its scheme."""
 
 _ANY_PORT = "127.0.0.1:0"
 _ONE_AT_A_TIME = threading.Lock()
-"""A process computes on all of its devices: threads of one worker take turns."""
+"""A process computes on all of its devices, so the threads of one worker take turns."""
 
 
 def check_cluster(cluster: str, url: str) -> None:
-    """What can be known of a cluster before it is asked.
+    """Check a cluster as far as possible without connecting to it.
 
     Raises:
-        ValueError: a number of workers that is none, or a SQLite file for those of other machines.
+        ValueError: the number of workers is invalid, or workers on other machines would need a SQLite file.
     """
     if (
         _local_workers(cluster) is None
@@ -44,45 +43,45 @@ def check_cluster(cluster: str, url: str) -> None:
         and _host(cluster) not in ("localhost", "127.0.0.1", "::1")
     ):
         raise ValueError(
-            f"{shown(url)} is a file of this machine, which the workers of {cluster} cannot share: give "
-            "--storage a database that they reach, such as postgresql://user@host/studies"
+            f"{redact_url(url)} is a file of this machine, which the workers of {cluster} cannot share: give "
+            "--storage a database on the network, such as postgresql://user@host/studies"
         )
 
 
 def run_on_cluster(
-    plan: Plan, url: str, cluster: str, programs: Path, on_trial: Callable[[Store, Told], None]
+    plan: Plan, url: str, cluster: str, programs: Path, on_trial: Callable[[Store, TrialResult], None]
 ) -> Store:
-    """As `run_trials`, on workers elsewhere.
+    """Run trials as `run_trials` does, on Dask workers.
 
-    A worker that is killed loses its trial only: the scheduler gives the task to another one, which asks for
-    a new trial.
+    A killed worker loses only its current trial: the scheduler gives the task to another worker, which asks
+    for a new trial.
 
     Args:
-        plan: of the study.
-        url: of the storage, which all workers must reach.
+        plan: plan of the study.
+        url: URL of the storage, which all workers must reach.
         cluster: address of a scheduler (`tcp://host:8786`), or `local:N` for N processes of this machine.
         programs: folder for compiled programs.
-        on_trial: called here for every trial that ends.
+        on_trial: called in this process for every finished trial.
 
     Raises:
-        ValueError: the cluster cannot be reached, goes away, or does not go with this storage; the first
-            trials all fail.
+        ValueError: the cluster cannot be reached, disappears, or cannot use this storage; the first trials
+            all fail.
     """
     check_cluster(cluster, url)
     with _client(cluster, _local_workers(cluster)) as client, Interrupts() as interrupts:
         store = open_study(plan, url)
-        # A trial that was given up in the meantime is made up for.
+        # The loop replaces trials that were lost in the meantime.
         while (left := plan.trials - len(store.finished())) > 0:
-            for told in _spread(client, plan, url, left, programs, interrupts):
-                on_trial(store, told)
+            for result in _spread(client, plan, url, left, programs, interrupts):
+                on_trial(store, result)
                 check_hope(store)
     return store
 
 
 def _spread(
     client: Client, plan: Plan, url: str, left: int, programs: Path, interrupts: Interrupts
-) -> Iterator[Told]:
-    """So many trials, in batches, as they end."""
+) -> Iterator[TrialResult]:
+    """Run `left` trials in batches, and yield the results as they finish."""
     counts = [min(plan.batch, left - first) for first in range(0, left, plan.batch)]
     futures = [
         client.submit(_one_batch, plan, url, count, str(programs), pure=False, retries=RETRIES)
@@ -98,47 +97,47 @@ def _spread(
         client.cancel(futures)
 
 
-def _one_batch(plan: Plan, url: str, count: int, programs: str) -> list[Told]:
+def _one_batch(plan: Plan, url: str, count: int, programs: str) -> list[TrialResult]:
     with _ONE_AT_A_TIME:
         keep_programs(Path(programs))
         store = open_study(plan, url)
-        # Another session may go on with the same study.
+        # Another session may continue the same study.
         count = min(count, plan.trials - len(store.finished()))
         return run_batch(plan, store, count, Interrupts()) if count > 0 else []
 
 
-def _result(future) -> list[Told]:
+def _result(future) -> list[TrialResult]:
     try:
         return future.result()
     except KilledWorker as error:
-        raise ValueError(f"workers die of it: {error}") from None
+        raise ValueError(f"a batch of trials killed several workers: {error}") from None
     except CancelledError:
-        # Nobody else cancels.
+        # Only a lost scheduler cancels tasks.
         raise ValueError(
-            "the scheduler is gone: start the study again when there is one, what was told is kept"
+            "the scheduler is gone: start the study again with a new scheduler, finished trials are kept"
         ) from None
 
 
 class _OneOfSeveral(WorkerPlugin):
-    """A worker of this machine, with its share of the cores.
+    """Restrict a worker of this machine to its share of the cores.
 
-    One that has more than its share spreads single operations over them: two workers that do so are no
-    faster than one, with a core each they do twice as much.
+    An unrestricted worker spreads single operations over all cores. Two such workers are no faster than one;
+    with one core each, they finish twice as many trials.
     """
 
     def __init__(self, count: int):
         self.count = count
 
     def setup(self, worker: Worker) -> None:
-        # Ctrl-C reaches it as well: it is the process which started it that stops it.
+        # Ctrl-C reaches the worker as well, but the process that started the worker must stop it.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        # Dask numbers those that it starts; a name of another kind gets any share.
+        # Dask numbers the workers that it starts; any other name is hashed to a share.
         index = worker.name if isinstance(worker.name, int) else zlib.crc32(str(worker.name).encode())
         keep_to(share_of_cores(index, self.count))
 
 
 def share_of_cores(index: int, count: int) -> set[int]:
-    """Which of this process' cores one of so many workers has."""
+    """Return the cores of this process for worker `index` of `count`."""
     there = sorted(cores())
     if count >= len(there):
         return {there[index % len(there)]}
@@ -146,7 +145,7 @@ def share_of_cores(index: int, count: int) -> set[int]:
 
 
 def keep_to(share: set[int]) -> None:
-    """Keeps every thread of this process, and those that they start, to some cores; on Linux alone."""
+    """Restrict every thread of this process, and threads started later, to some cores (Linux only)."""
     for thread in Path("/proc/self/task").glob("*"):
         with suppress(ProcessLookupError):
             os.sched_setaffinity(int(thread.name), share)
@@ -170,8 +169,8 @@ def _local_workers(cluster: str) -> int | None:
 
 def _client(cluster: str, local: int | None) -> Client:
     if local is not None:
-        # Their logs are of those who keep clusters; what goes wrong with a trial is told by its task.
-        # A port of its own choice: there may be other clusters, and without one Dask takes its usual port.
+        # Errors of a trial arrive through its task, so the workers' logs are not needed.
+        # The dashboard takes any free port, because another cluster may use Dask's usual one.
         client = Client(
             n_workers=local, threads_per_worker=1, dashboard_address=_ANY_PORT, silence_logs=logging.ERROR
         )

@@ -193,7 +193,7 @@ def test_thresholds_make_a_binary_map():
 def test_bad_input_is_one_clear_line():
     reference = drawn(REFERENCE)
     nothing = np.zeros((5, 5), bool)
-    with pytest.raises(ValueError, match="no occupied cell of the reference map counts"):
+    with pytest.raises(ValueError, match="no occupied cell of the reference map is scored"):
         map_score(reference, reference, mask=nothing)
     with pytest.raises(ValueError, match=r"mask has shape \(2, 2\)"):
         map_score(reference, reference, mask=np.ones((2, 2), bool))

@@ -228,7 +228,7 @@ def broken(array: np.ndarray, index, value: float) -> np.ndarray:
     ("arguments", "options", "message"),
     [
         ((STAMPS, LINE, STAMPS + 100, LINE), {}, "no stamps match within 0.01 s"),
-        ((STAMPS, LINE, STAMPS[:1], LINE[:1]), {}, "1 matched pose cannot fix a rotation"),
+        ((STAMPS, LINE, STAMPS[:1], LINE[:1]), {}, "1 matched pose cannot determine a rotation"),
         ((STAMPS, LINE, STAMPS[:0], LINE[:0]), {}, "the estimate has no poses"),
         ((STAMPS, LINE, STAMPS, LINE[:3]), {}, "the estimate has 3 poses but should have 4"),
         ((STAMPS[:3], LINE, STAMPS, LINE), {}, "the reference has 4 poses but should have 3"),

@@ -8,7 +8,7 @@ import pytest
 
 from jaxslam.core import se2
 from jaxslam.io.log import OdometryTrack, ScanTrack, SensorLog
-from jaxslam.preprocess.deskew import at_rest, sweep_timing
+from jaxslam.preprocess.deskew import deskew, sweep_timing
 from jaxslam.preprocess.lag import estimate_lag
 
 ROOM = np.array([4.0, 2.5])
@@ -72,7 +72,7 @@ def test_ranges_are_those_from_the_pose_at_the_stamp(beams, mounting):
     # What the lag leaves open is not measured here.
     timing = dataclasses.replace(timing, middle=0.07)
     before = np.abs(log.scans.ranges - wanted)
-    after = np.abs(at_rest(log, timing).scans.ranges - wanted)
+    after = np.abs(deskew(log, timing).scans.ranges - wanted)
     assert np.isfinite(after).mean() > 0.95
     assert np.nanpercentile(after, 95) < 0.003
     assert np.nanpercentile(before, 95) > 0.2
@@ -85,7 +85,7 @@ def test_a_lidar_at_rest_changes_nothing():
     timing = sweep_timing(log, turn_time=0.2, max_lag=0.5)
     assert timing is not None
     assert timing.lag is None
-    np.testing.assert_array_equal(at_rest(log, timing).scans.ranges, log.scans.ranges)
+    np.testing.assert_array_equal(deskew(log, timing).scans.ranges, log.scans.ranges)
 
 
 def test_no_return_stays_none_and_nothing_is_made_up_across_an_edge():
@@ -96,7 +96,7 @@ def test_no_return_stays_none_and_nothing_is_made_up_across_an_edge():
     log = dataclasses.replace(log, scans=dataclasses.replace(log.scans, ranges=ranges))
     timing = sweep_timing(log, turn_time=0.2, max_lag=0.0)
     assert timing is not None
-    seen = at_rest(log, timing).scans.ranges
+    seen = deskew(log, timing).scans.ranges
     gaps = np.isnan(seen[:, 80:165]).sum(axis=1)
     # Turning at 1.6 rad/s stretches a gap by 5 %, and its edges lie at unlike distances.
     assert np.all(np.abs(gaps - 40) <= 6)
@@ -112,7 +112,7 @@ def test_padding_of_a_short_scan_stays_empty():
     log = dataclasses.replace(log, scans=dataclasses.replace(log.scans, ranges=ranges, num_beams=counts))
     timing = sweep_timing(log, turn_time=0.2, max_lag=0.0)
     assert timing is not None
-    assert np.isnan(at_rest(log, timing).scans.ranges[::2, 230:]).all()
+    assert np.isnan(deskew(log, timing).scans.ranges[::2, 230:]).all()
 
 
 @pytest.mark.parametrize("lag", [-0.3, -0.11, 0.0, 0.2])
@@ -166,4 +166,4 @@ def test_a_lidar_of_few_beams_is_read_as_it_is(num_beams):
     timing = sweep_timing(log, turn_time=0.1, max_lag=0.5)
     assert (timing is None) == (num_beams == 1)
     if timing is not None:
-        assert np.isfinite(at_rest(log, timing).scans.ranges).any()
+        assert np.isfinite(deskew(log, timing).scans.ranges).any()

@@ -105,7 +105,7 @@ def test_a_thread_has_none():
     assert done == [signal.default_int_handler]
 
 
-@pytest.mark.parametrize("method", ["ask", "tell", "finished", "give_up_lost"])
+@pytest.mark.parametrize("method", ["ask", "tell", "finished", "fail_stale_trials"])
 def test_a_study_is_interrupted_between_two_transactions(tmp_path, monkeypatch, method):
     """In the middle of one its lock would stay, and the next write wait a minute for it."""
     monkeypatch.setattr("jaxslam.study.search.measure", bowl)

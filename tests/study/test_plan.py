@@ -249,7 +249,7 @@ def log(text):
         (LOGS + '[[held_out]]\nlog = "drive.log"\n' + SPACE, "drive.log: give it relations or a reference"),
         (
             '[study]\nobjectives = ["map"]\n' + log('reference = "truth.tum"') + SPACE,
-            "drive.log: the objective map is for worlds: of a log no map is known",
+            "drive.log: the objective map is for worlds: a log has no true map",
         ),
         # The space, with both ends of every interval tried.
         (LOGS, r"the space is empty: give \[space\] some settings"),

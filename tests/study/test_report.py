@@ -153,7 +153,7 @@ def test_of_few_trials_nothing_is_said_of_what_matters(made_up, tmp_path, count)
     store, plan = made_up("error", count=count)
     summary = write_report(tmp_path, store, plan.described())
     assert summary.importances == {"error": {}}
-    assert importance_table(summary) == "Too few trials to tell which parameters matter."
+    assert importance_table(summary) == "Too few trials to estimate which parameters matter."
     assert {path.name for path in tmp_path.glob("*.png")} == {"history.png", "parallel.png"}
 
 
@@ -231,7 +231,7 @@ def test_every_trial_of_the_front_is_a_file_and_those_of_before_go(made_up, tmp_
             == trial.params["sensor.sigma_hit"]
         )
     assert {path.name for path in tmp_path.glob("*.png")} == {*PICTURES, "pareto.png"}
-    assert "they are the Pareto front" in (tmp_path / "report.md").read_text()
+    assert "Stars mark the Pareto front" in (tmp_path / "report.md").read_text()
 
 
 def pixels_of(path, color):

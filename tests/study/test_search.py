@@ -18,7 +18,7 @@ from jaxslam.pipeline.prepare import prepare
 from jaxslam.pipeline.run import run_log
 from jaxslam.study import measure as measuring
 from jaxslam.study.interrupts import Interrupts
-from jaxslam.study.measure import Loaded, TrialError, load, measure, program_of
+from jaxslam.study.measure import LoadedSource, TrialError, load, measure, program_of
 from jaxslam.study.search import (
     HOPELESS,
     check_hope,
@@ -235,7 +235,7 @@ def test_the_held_out_table(plan, cheap):
 # Measuring, with runs that cost nothing.
 
 
-def made_up() -> Loaded:
+def made_up() -> LoadedSource:
     """A robot that drives 4 m straight on, between nothing; its odometry is the truth."""
     stamps = np.arange(41) / 10
     poses = np.stack([stamps, 0 * stamps, 0 * stamps], axis=1)
@@ -253,7 +253,7 @@ def made_up() -> Loaded:
         topic="scan",
     )
     odometry = OdometryTrack(stamps, poses, np.full((count, 3), np.nan), "odometry")
-    return Loaded(SensorLog(Path("made up"), odometry, scans=scans), "sick", (stamps, poses))
+    return LoadedSource(SensorLog(Path("made up"), odometry, scans=scans), "sick", (stamps, poses))
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from optuna.storages import RDBStorage
 from optuna.trial import TrialState
 
 from jaxslam.study import storage as module
-from jaxslam.study.storage import GRACE, connect, failure, load_study, open_study, shown, storage_url
+from jaxslam.study.storage import GRACE, connect, failure, load_study, open_study, redact_url, storage_url
 from tests.study.studies import plan_of, store_of, url_of
 
 
@@ -91,10 +91,10 @@ def test_a_trial_of_which_nothing_is_heard_is_lost(plan, tmp_path):
         pass
     other = store_of(plan, tmp_path)
     age(tmp_path, GRACE - 5)
-    other.give_up_lost()
+    other.fail_stale_trials()
     assert state_of(other) == TrialState.RUNNING
     age(tmp_path, GRACE + 5)
-    other.give_up_lost()
+    other.fail_stale_trials()
     assert state_of(other) == TrialState.FAIL
     assert other.finished() == []
 
@@ -106,7 +106,7 @@ def test_a_trial_that_was_killed_at_once_is_lost_too(plan, tmp_path, monkeypatch
     monkeypatch.setattr(threading.Thread, "join", lambda self: None)
     with store.alive(store.ask(1)):
         age(tmp_path, GRACE + 5)
-        store_of(plan, tmp_path).give_up_lost()
+        store_of(plan, tmp_path).fail_stale_trials()
         assert state_of(store) == TrialState.FAIL
 
 
@@ -123,7 +123,7 @@ def test_a_trial_that_takes_long_gives_signs_of_life(plan, tmp_path, monkeypatch
         for _ in range(2):
             age(tmp_path, GRACE + 5)
             wait_until(lambda: not stale())
-        other.give_up_lost()
+        other.fail_stale_trials()
         assert state_of(other) == TrialState.RUNNING
     # And none when it has ended.
     age(tmp_path, GRACE + 5)
@@ -229,7 +229,7 @@ def test_a_path_is_a_file_whatever_its_name(plan, tmp_path):
     url = storage_url(str(path))
     open_study(plan, url)
     assert path.exists()
-    assert shown(url) == str(path)
+    assert redact_url(url) == str(path)
     assert load_study(url, None)[1] == plan.described()
 
 
@@ -238,8 +238,8 @@ def test_urls(tmp_path, monkeypatch):
     assert storage_url("runs/a.db") == f"sqlite:///{tmp_path}/runs/a.db"
     assert storage_url("postgresql://me@host/x") == "postgresql://me@host/x"
     # No password goes to a terminal.
-    assert shown("postgresql://me:secret@host/x") == "postgresql://me:***@host/x"
-    assert shown("no url://") == "no url://"
+    assert redact_url("postgresql://me:secret@host/x") == "postgresql://me:***@host/x"
+    assert redact_url("no url://") == "no url://"
 
 
 @pytest.mark.parametrize(
@@ -266,12 +266,12 @@ def test_a_storage_that_cannot_be_written_is_one_line(plan, tmp_path, url, messa
 
 def test_a_complaint_without_words_has_its_name():
     match = r"x\.db: this storage cannot be used: StorageInternalError"
-    with pytest.raises(ValueError, match=match), module.complaints("sqlite:///x.db"):
+    with pytest.raises(ValueError, match=match), module.storage_errors("sqlite:///x.db"):
         raise StorageInternalError
 
 
 def test_what_is_not_of_the_storage_is_not_blamed_on_it():
-    with pytest.raises(RuntimeError, match="out of memory"), module.complaints("sqlite:///x.db"):
+    with pytest.raises(RuntimeError, match="out of memory"), module.storage_errors("sqlite:///x.db"):
         raise RuntimeError("out of memory")
 
 

@@ -50,7 +50,7 @@ class BagFile:
     """
 
     def __init__(self, path: Path) -> None:
-        """Opens a bag.
+        """Open a bag.
 
         Args:
             path: ROS 1 `.bag`, ROS 2 `.mcap` or `.db3`, or the folder of a ROS 2 bag.
@@ -101,7 +101,7 @@ class BagFile:
         return topics
 
     def messages(self, topic: str) -> Iterator[BagMessage]:
-        """Decoded messages of a topic in the order of receipt.
+        """Yield the decoded messages of a topic in the order of receipt.
 
         Raises:
             LogError: the bag is damaged, or the topic's type is another version of the standard's.
@@ -146,7 +146,7 @@ class BagFile:
 
 
 def _check_path(path: Path) -> bool:
-    """Whether this is a ROS 1 bag; raises `LogError` for what is no bag at all."""
+    """Return whether the path is a ROS 1 bag; raise `LogError` if it is not a bag."""
     if not path.exists():
         raise LogError(f"{path}: no such file")
     if path.is_dir():
@@ -174,7 +174,7 @@ def _check_path(path: Path) -> bool:
 
 
 def _package_errors() -> tuple[type[BaseException], ...]:
-    """Errors of rosbags and the packages that decompress and query for it."""
+    """Return the error types of rosbags and of the packages it uses to decompress and query."""
     import importlib
 
     names = (

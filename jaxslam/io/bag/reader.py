@@ -10,7 +10,7 @@ from jaxslam.io.bag import topics as kinds
 from jaxslam.io.bag.file import BagFile
 from jaxslam.io.bag.topics import choose_topic
 from jaxslam.io.bag.tracks import (
-    Timed,
+    TimedMessages,
     common_frame,
     fix_track,
     imu_track,
@@ -38,7 +38,7 @@ def read_bag(
     joint_topic: str | None = None,
     fix_topic: str | None = None,
 ) -> SensorLog:
-    """Reads a ROS bag.
+    """Read a ROS bag.
 
     Understands `sensor_msgs` LaserScan, Imu, JointState and NavSatFix, `nav_msgs/Odometry`, and
     `tf2_msgs/TFMessage` on `/tf_static`; every other topic is counted in `topics` and skipped. A
@@ -140,7 +140,7 @@ def _transforms(bag: BagFile, names: Iterable[str]) -> Iterable[Any]:
 def _assemble(
     path: Path,
     chosen: dict[str, str],
-    timed: dict[str, Timed],
+    timed: dict[str, TimedMessages],
     tree: TransformTree,
     warnings: list[str],
     counts: dict[str, int],

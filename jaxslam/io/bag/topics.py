@@ -26,7 +26,7 @@ _USUAL_NAMES: dict[str, Sequence[str]] = {
 def choose_topic(
     path: Path, topics: Mapping[str, tuple[str, int]], kind: str, wanted: str | None
 ) -> tuple[str | None, str | None]:
-    """Picks the topic of one message type.
+    """Pick the topic of one message type.
 
     Args:
         path: the bag, for error messages.

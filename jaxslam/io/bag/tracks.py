@@ -16,15 +16,15 @@ from jaxslam.io.ranges import clean_ranges
 from jaxslam.io.stamps import MAX_BACKWARD_S, backward_steps, sorting_order
 
 
-class Timed(NamedTuple):
+class TimedMessages(NamedTuple):
     """Message contents in the order of time with their stamps `[M]` in seconds."""
 
     stamps: Float64[np.ndarray, "M"]
     contents: list[Any]
 
 
-def in_order(path: Path, topic: str, messages: Sequence[BagMessage], warnings: list[str]) -> Timed:
-    """Stamps and sorts messages: by the header's stamp, or the time of receipt where it is zero.
+def in_order(path: Path, topic: str, messages: Sequence[BagMessage], warnings: list[str]) -> TimedMessages:
+    """Stamp and sorts messages: by the header's stamp, or the time of receipt where it is zero.
 
     Args:
         path: the bag, for the error message.
@@ -52,17 +52,17 @@ def in_order(path: Path, topic: str, messages: Sequence[BagMessage], warnings: l
             f"{topic}: {steps.num_backward} stamps run back by up to {steps.largest:.3f} s: sorted by time"
         )
     order = sorting_order(header)
-    return Timed(header[order], [messages[row].content for row in order])
+    return TimedMessages(header[order], [messages[row].content for row in order])
 
 
 def common_frame(contents: Sequence[Any], *, child: bool = False) -> str:
-    """The frame most messages name in their header (or as child frame), without leading slash."""
+    """Return the most frequent frame of the headers (or child frame), without leading slash."""
     names = Counter(m.child_frame_id if child else m.header.frame_id for m in contents)
     return names.most_common(1)[0][0].lstrip("/") if names else ""
 
 
-def odometry_track(timed: Timed, topic: str, warnings: list[str]) -> OdometryTrack | None:
-    """`nav_msgs/Odometry` in the plane; messages whose pose is not finite are dropped."""
+def odometry_track(timed: TimedMessages, topic: str, warnings: list[str]) -> OdometryTrack | None:
+    """Convert `nav_msgs/Odometry` to planar poses; drop messages whose pose is not finite."""
     rows = np.array(
         [
             (
@@ -84,8 +84,8 @@ def odometry_track(timed: Timed, topic: str, warnings: list[str]) -> OdometryTra
     return OdometryTrack(timed.stamps[good], poses[good], rows[good, 6:], topic)
 
 
-def imu_track(timed: Timed, topic: str, rotation: Float64[np.ndarray, "3 3"] | None) -> ImuTrack:
-    """`sensor_msgs/Imu`; what a driver marks as absent (covariance −1, zero quaternion) is NaN."""
+def imu_track(timed: TimedMessages, topic: str, rotation: Float64[np.ndarray, "3 3"] | None) -> ImuTrack:
+    """Convert `sensor_msgs/Imu`; values marked as absent (covariance −1, zero quaternion) become NaN."""
     orientations = np.array([_quaternion(m.orientation) for m in timed.contents])
     rates = np.array([_vector(m.angular_velocity) for m in timed.contents])
     accelerations = np.array([_vector(m.linear_acceleration) for m in timed.contents])
@@ -106,8 +106,8 @@ def imu_track(timed: Timed, topic: str, rotation: Float64[np.ndarray, "3 3"] | N
     return ImuTrack(timed.stamps, orientations, rates, accelerations, mounting, rotation is not None, topic)
 
 
-def joint_track(timed: Timed, topic: str) -> JointTrack:
-    """`sensor_msgs/JointState`; joints a message does not name are NaN in its row."""
+def joint_track(timed: TimedMessages, topic: str) -> JointTrack:
+    """Convert `sensor_msgs/JointState`; joints missing from a message are NaN in its row."""
     names = tuple(dict.fromkeys(name for m in timed.contents for name in m.name))
     columns = {name: column for column, name in enumerate(names)}
     tracks = np.full((2, timed.stamps.size, len(names)), np.nan)
@@ -118,8 +118,8 @@ def joint_track(timed: Timed, topic: str) -> JointTrack:
     return JointTrack(timed.stamps, names, tracks[0], tracks[1], topic)
 
 
-def fix_track(timed: Timed, topic: str, warnings: list[str]) -> FixTrack | None:
-    """`sensor_msgs/NavSatFix`; messages without a fix are dropped."""
+def fix_track(timed: TimedMessages, topic: str, warnings: list[str]) -> FixTrack | None:
+    """Convert `sensor_msgs/NavSatFix`; drop messages without a fix."""
     positions = np.array([(m.latitude, m.longitude, m.altitude) for m in timed.contents])
     status = np.array([m.status.status for m in timed.contents])
     good = (status >= 0) & np.isfinite(positions[:, :2]).all(axis=1)
@@ -128,9 +128,9 @@ def fix_track(timed: Timed, topic: str, warnings: list[str]) -> FixTrack | None:
 
 
 def scan_track(
-    timed: Timed, topic: str, mounting: PlanarMounting | None, warnings: list[str]
+    timed: TimedMessages, topic: str, mounting: PlanarMounting | None, warnings: list[str]
 ) -> ScanTrack | None:
-    """`sensor_msgs/LaserScan` of any and changing numbers of beams.
+    """Convert `sensor_msgs/LaserScan` with any number of beams, which may change between messages.
 
     Args:
         timed: the messages.
@@ -172,7 +172,7 @@ def scan_track(
 
 
 def _time_increment(contents: Sequence[Any]) -> float:
-    """Seconds between beams; drivers that leave it at zero say that all are taken at once."""
+    """Return the seconds between beams; 0, which many drivers leave, means that all are simultaneous."""
     increments = np.array([m.time_increment for m in contents], dtype=np.float64)
     usual = float(np.median(increments[np.isfinite(increments)])) if np.isfinite(increments).any() else 0.0
     return max(usual, 0.0)
@@ -181,7 +181,7 @@ def _time_increment(contents: Sequence[Any]) -> float:
 def _scan_geometry(
     contents: Sequence[Any],
 ) -> tuple[Float64[np.ndarray, "T 4"], Bool[np.ndarray, "T"]]:
-    """Angle of beam 0, angle between beams, range interval of every scan; and which are sound."""
+    """Return the first angle, angle increment and range interval of each scan, and which scans are valid."""
     counts = np.array([len(m.ranges) for m in contents], dtype=np.int64)
     header = np.array(
         [(m.angle_min, m.angle_max, m.angle_increment, m.range_min, m.range_max) for m in contents],

@@ -14,21 +14,18 @@ TILT_WARNING = np.deg2rad(5.0)
 def transform_matrix(
     translation: Float64[np.ndarray, "3"], quaternion: Float64[np.ndarray, "4"]
 ) -> Float64[np.ndarray, "4 4"]:
-    """Homogeneous matrix of a translation in meters and a quaternion x, y, z, w of any norm.
+    """Return the homogeneous matrix of a translation (meters) and a quaternion x, y, z, w of any norm.
 
     Raises:
         ValueError: the quaternion is zero or something is not finite.
     """
+    from scipy.spatial.transform import Rotation  # Slow to import, and only bags need it.
+
     norm = float(np.linalg.norm(quaternion))
     if not np.isfinite(translation).all() or not np.isfinite(norm) or norm < 1e-6:
         raise ValueError(f"no rigid transform: translation {translation}, quaternion {quaternion}")
-    x, y, z, w = quaternion / norm
     matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
+    matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
     matrix[:3, 3] = translation
     return matrix
 
@@ -44,7 +41,7 @@ class TransformTree:
     parents: Mapping[str, tuple[str, Float64[np.ndarray, "4 4"]]] = field(default_factory=dict)
 
     def find(self, frame_a: str, frame_b: str) -> Float64[np.ndarray, "4 4"] | None:
-        """Pose `[4, 4]` of `frame_b` in `frame_a`, or None where the tree does not connect them."""
+        """Return the pose `[4, 4]` of `frame_b` in `frame_a`, or None if the tree does not connect them."""
         root_a, pose_root_a = self._to_root(frame_a)
         root_b, pose_root_b = self._to_root(frame_b)
         if root_a != root_b:
@@ -78,7 +75,7 @@ class PlanarMounting(NamedTuple):
 
 
 def planar_mounting(pose_base_lidar: Float64[np.ndarray, "4 4"]) -> PlanarMounting:
-    """Projects a lidar's mounting onto the plane.
+    """Project a lidar's mounting onto the plane.
 
     With the lidar's z axis pointing down a beam at angle a in the lidar frame points at yaw − a in
     the base frame, so the angles are to be negated and the heading is that of the lidar's x axis.

@@ -28,7 +28,7 @@ class BeamAngles(NamedTuple):
 
 
 def beam_angles(message: LaserMessage, parameters: Mapping[str, str]) -> BeamAngles:
-    """Beam geometry of one scan.
+    """Return the beam geometry of one scan.
 
     `RAWLASER1` and `ROBOTLASER1` carry it. `FLASER` does not: its n beams spread over the field of
     view `PARAM laser_front_laser_fov` (degrees), 180° where there is none, symmetric to the
@@ -51,7 +51,7 @@ def beam_angles(message: LaserMessage, parameters: Mapping[str, str]) -> BeamAng
 
 
 def _exact_step(fov: float, step: float, count: int) -> float:
-    """The step as the field of view implies it, where the written one is that but for rounding."""
+    """Return the step implied by the field of view if it equals the written one up to rounding."""
     candidates = [fov / divisor for divisor in (count - 1, count) if divisor > 0]
     for candidate in candidates:
         if abs(candidate - step) < 1e-6:
@@ -73,7 +73,7 @@ def maximum_range(
     ranges: Float64[np.ndarray, "T B"],
     parameters: Mapping[str, str],
 ) -> tuple[float, str | None]:
-    """Range in meters from which on a reading is no return.
+    """Return the range in meters from which a reading is no return.
 
     The smallest of what there is: the field of the message, `PARAM robot_front_laser_max`, and the
     saturated reading that stands in the data (`saturated_reading`). Where there is none of these,
@@ -103,7 +103,7 @@ def mounting(
     pose_laser: Float64[np.ndarray, "T 3"],
     parameters: Mapping[str, str],
 ) -> tuple[Float64[np.ndarray, "3"], bool, str | None]:
-    """Pose of the lidar in the robot's frame.
+    """Return the pose of the lidar in the robot's frame.
 
     The median of laser ⊖ robot over the scans if the two differ, and by the same in nine scans of
     ten; else `PARAM robot_frontlaser_offset` (and `_side_offset`, `_angular_offset`); else unknown,
@@ -143,7 +143,7 @@ def mounting(
 
 
 def _median_pose(poses: Float64[np.ndarray, "T 3"]) -> Float64[np.ndarray, "3"]:
-    """Component-wise median, in theta of the differences to the first, which may lie at ±π."""
+    """Return the component-wise median; theta as differences to the first pose, which may lie at ±π."""
     reference = poses[0, 2]
     theta = se2.wrap(reference + np.median(se2.wrap(poses[:, 2] - reference), keepdims=True))
     return np.concatenate([np.median(poses[:, :2], axis=0), theta])

@@ -24,7 +24,7 @@ _NO_POSE = (float("nan"),) * 3
 _STAMP_FIELDS = 3  # ipc stamp, host, logger stamp
 
 
-class Stamped(NamedTuple):
+class MessageStamps(NamedTuple):
     """The tail of every sensor message: `ipc` and `logger` are its two stamps in seconds."""
 
     ipc: float
@@ -37,7 +37,7 @@ class OdometryMessage(NamedTuple):
     line: int
     pose: tuple[float, ...]
     velocities: tuple[float, ...]
-    stamp: Stamped
+    stamp: MessageStamps
 
 
 class LaserMessage(NamedTuple):
@@ -55,7 +55,7 @@ class LaserMessage(NamedTuple):
     pose_laser: tuple[float, ...]
     pose_robot: tuple[float, ...]
     velocities: tuple[float, ...]
-    stamp: Stamped
+    stamp: MessageStamps
 
 
 @dataclass
@@ -80,7 +80,7 @@ class CarmenContent:
 
 
 def read_messages(path: Path) -> CarmenContent:
-    """Reads all lines of a CARMEN log.
+    """Read all lines of a CARMEN log.
 
     Raises:
         LogError: no such file, a folder, an empty or binary file, a gzip stream that ends early.
@@ -163,12 +163,12 @@ def _expect(fields: list[bytes], count: int) -> None:
         raise ValueError("wrong number of fields")
 
 
-def _stamp(fields: list[bytes]) -> Stamped:
-    return Stamped(*_finite([fields[-3], fields[-1]]))
+def _stamp(fields: list[bytes]) -> MessageStamps:
+    return MessageStamps(*_finite([fields[-3], fields[-1]]))
 
 
 def _readings(fields: list[bytes], first: int) -> tuple[Float64[np.ndarray, "B"], int]:
-    """Readings of the list `n r1 … rn` whose count stands at `first`, and the field after it."""
+    """Parse the list `n r1 … rn` that starts at field `first`; also return the field after it."""
     count = int(fields[first])
     end = first + 1 + count
     if count < 0 or end > len(fields):
@@ -182,7 +182,7 @@ def _parse_odometry(number: int, fields: list[bytes]) -> OdometryMessage:
 
 
 def _parse_flaser(number: int, fields: list[bytes]) -> LaserMessage:
-    """`FLASER n r… laser_pose odom_pose`: the old message, without any beam geometry."""
+    """Parse `FLASER n r… laser_pose odom_pose`, the old message without beam geometry."""
     ranges, end = _readings(fields, 1)
     _expect(fields, end + 6 + _STAMP_FIELDS)
     poses = _finite(fields[end : end + 6])
@@ -191,7 +191,7 @@ def _parse_flaser(number: int, fields: list[bytes]) -> LaserMessage:
 
 
 def _parse_raw_laser(number: int, fields: list[bytes]) -> LaserMessage:
-    """`RAWLASER1 type start fov step max accuracy remission_mode n r… m s…`."""
+    """Parse `RAWLASER1 type start fov step max accuracy remission_mode n r… m s…`."""
     ranges, end = _readings(fields, 8)
     _, end = _readings(fields, end)
     _expect(fields, end + _STAMP_FIELDS)
@@ -204,7 +204,7 @@ def _parse_raw_laser(number: int, fields: list[bytes]) -> LaserMessage:
 
 
 def _parse_robot_laser(number: int, fields: list[bytes]) -> LaserMessage:
-    """As RAWLASER1, then `laser_pose robot_pose tv rv forward_safety side_safety turn_axis`."""
+    """Parse RAWLASER1 fields, then `laser_pose robot_pose tv rv forward_safety side_safety turn_axis`."""
     ranges, end = _readings(fields, 8)
     _, end = _readings(fields, end)
     _expect(fields, end + 6 + 5 + _STAMP_FIELDS)

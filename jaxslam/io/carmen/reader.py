@@ -18,7 +18,7 @@ _LASER_NAMES = ("ROBOTLASER1", "FLASER", "RAWLASER1")
 
 
 def read_carmen(path: str | Path) -> SensorLog:
-    """Reads a CARMEN log.
+    """Read a CARMEN log.
 
     Understands `ODOM`, `FLASER`, `RAWLASER1`, `ROBOTLASER1` and the `PARAM` values of the front
     laser; every other message is counted in `topics` and named in `warnings`. Of several laser
@@ -193,7 +193,7 @@ def _odometry_track(
 def _twists(
     messages: Sequence[OdometryMessage] | Sequence[LaserMessage], poses: Float64[np.ndarray, "M 3"]
 ) -> Float64[np.ndarray, "M 3"]:
-    """Base-frame velocities; NaN where the fields are always zero although the robot moves."""
+    """Return base-frame velocities; NaN if all fields are zero although the robot moves."""
     velocities = np.array([message.velocities for message in messages], dtype=np.float64)
     velocities = velocities.reshape(-1, 2)
     if velocities.size and not velocities.any() and not (poses == poses[0]).all():

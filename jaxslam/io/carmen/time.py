@@ -27,12 +27,12 @@ class ClockChoice(NamedTuple):
 
 
 def message_stamps(messages: Sequence[Message], clock: str) -> Float64[np.ndarray, "M"]:
-    """Stamps `[M]` in seconds by one of the two clocks, `ipc` or `logger`."""
+    """Stamp `[M]` in seconds by one of the two clocks, `ipc` or `logger`."""
     return np.array([getattr(message.stamp, clock) for message in messages], dtype=np.float64)
 
 
 def choose_clock(path: str, streams: Sequence[Sequence[Message]]) -> ClockChoice:
-    """Picks the clock of a log: the ipc stamp unless it is unusable.
+    """Pick the clock of a log: the ipc stamp unless it is unusable.
 
     The ipc stamp is the time of the measurement, by the clock of the computer that took it, and
     ground-truth relations use it; the logger stamp is the time of arrival, and has jitter. The
@@ -80,7 +80,7 @@ def merge_odometry(
     scans: tuple[Float64[np.ndarray, "T"], Float64[np.ndarray, "T 3"], Float64[np.ndarray, "T 3"]],
     scan_name: str,
 ) -> tuple[OdometryTrack | None, str | None]:
-    """One odometry track from ODOM lines and the poses that the scans carry.
+    """Merge ODOM lines and the poses stored with the scans into one odometry track.
 
     A scan's own pose is the best statement of where the robot was when it was taken, since CARMEN
     interpolates it and corrects the skew between the computers' clocks. So it always wins at the
@@ -145,7 +145,7 @@ def _disagreement(
     lines: tuple[Float64[np.ndarray, "M"], Float64[np.ndarray, "M 3"], Float64[np.ndarray, "M 3"]],
     scans: tuple[Float64[np.ndarray, "T"], Float64[np.ndarray, "T 3"], Float64[np.ndarray, "T 3"]],
 ) -> float | None:
-    """Median distance in meters of ODOM lines and scan poses where it is too large, else None."""
+    """Return the median distance in meters between ODOM and scan poses if it is too large, else None."""
     inside = (scans[0] >= lines[0][0]) & (scans[0] <= lines[0][-1])
     moving = inside & np.append(False, (np.diff(scans[1], axis=0) != 0).any(axis=1))
     if not moving.any():

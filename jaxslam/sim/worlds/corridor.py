@@ -36,12 +36,12 @@ class Corridor:
 
 
 def corridor_loop() -> tuple[World, Float64[np.ndarray, "W 2"]]:
-    """The third paper's: 43 × 16 m, a loop of 108 m."""
+    """Build a corridor like the one of Jamaludin et al.: 43 × 16 m, a loop of 108 m."""
     return build_corridor("corridor_loop", Corridor(), np.random.default_rng(0))
 
 
 def random_corridor(key: PRNGKeyArray) -> tuple[World, Float64[np.ndarray, "W 2"]]:
-    """A corridor of another size with other doors, for checks on worlds that nothing was tuned on."""
+    """Build a corridor of random size with random doors, to validate on worlds not used for tuning."""
     rng = np.random.default_rng(np.asarray(jax.random.key_data(key)))
     plan = Corridor(
         length=rng.uniform(32, 48),
@@ -55,7 +55,7 @@ def random_corridor(key: PRNGKeyArray) -> tuple[World, Float64[np.ndarray, "W 2"
 def build_corridor(
     name: str, plan: Corridor, rng: np.random.Generator
 ) -> tuple[World, Float64[np.ndarray, "W 2"]]:
-    """The world of a plan, and a tour once round it, from the middle of the lower side.
+    """Build the world of a plan, and a tour once round it, from the middle of the lower side.
 
     Args:
         name: of the world.
@@ -80,7 +80,7 @@ def _openings(
     width: tuple[float, float],
     rng: np.random.Generator,
 ) -> list[list[tuple[float, float]]]:
-    """Openings of the four walls round a rectangle, as `walls` takes them."""
+    """Return the openings of the four walls round a rectangle, as `walls` takes them."""
     sides = []
     for length in (size[0], size[1], size[0], size[1]):
         openings: list[tuple[float, float]] = []

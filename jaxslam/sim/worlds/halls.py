@@ -18,7 +18,7 @@ from jaxslam.sim.worlds.world import World, box, disc, place, polyline, walls
 
 
 def hall_small() -> tuple[World, Float64[np.ndarray, "W 2"]]:
-    """Factory hall of 18 × 15 m with machines, tanks and a cabin; the tour is 161 m, 195 s.
+    """Build a factory hall of 18 × 15 m with machines, tanks and a cabin; the tour is 161 m, 195 s.
 
     Three bands of machines between four aisles, with rows of equal machines in two of them. The
     tour goes round the hall first (54 m, 61 s), then through the inner aisles in three more loops.
@@ -65,7 +65,7 @@ def hall_small() -> tuple[World, Float64[np.ndarray, "W 2"]]:
 
 
 def hall_large() -> tuple[World, Float64[np.ndarray, "W 2"]]:
-    """Factory hall of 24 × 23 m with machines, tanks, shelves, a cabin; the tour is 166 m, 191 s.
+    """Build a factory hall of 24 × 23 m with machines, tanks, shelves, a cabin; tour 166 m, 191 s.
 
     Four bands of three blocks between five aisles, with the same row of machines three times. The
     tour goes round the hall (81 m, 89 s), then through the inner aisles in a figure of eight.
@@ -119,7 +119,7 @@ def hall_large() -> tuple[World, Float64[np.ndarray, "W 2"]]:
 
 
 def random_hall(key: PRNGKeyArray) -> tuple[World, Float64[np.ndarray, "W 2"]]:
-    """A generated hall, 16–24 × 14–22 m, for checks on worlds that nothing was tuned on.
+    """Build a random hall, 16–24 × 14–22 m, to validate on worlds not used for tuning.
 
     The numbers of segments and way-points are the same for every key, so that all halls share one
     compiled simulation.
@@ -156,7 +156,7 @@ WORLDS: dict[str, Callable[[], tuple[World, Float64[np.ndarray, "W 2"]]]] = {
 
 
 def make_world(name: str) -> tuple[World, Float64[np.ndarray, "W 2"]]:
-    """The built-in world of that name and its way-points `[W, 2]`.
+    """Return the built-in world of that name and its way-points `[W, 2]`.
 
     Raises:
         ValueError: if there is none; the message names the nearest.
@@ -172,7 +172,7 @@ def make_world(name: str) -> tuple[World, Float64[np.ndarray, "W 2"]]:
 def cabin(
     corner: tuple[float, float], size: tuple[float, float], *, door: tuple[float, float]
 ) -> Float64[np.ndarray, "_ 4"]:
-    """A room whose lower wall has an open door, (start, width) from its left corner, meters."""
+    """Build a room whose lower wall has an open door, (start, width) from its left corner, meters."""
     width, height = size
     start, opening = door
     outline = [
@@ -189,19 +189,19 @@ def cabin(
 def row_of_boxes(
     first: tuple[float, float], step: tuple[float, float], count: int, size: tuple[float, float]
 ) -> list[Float64[np.ndarray, "_ 4"]]:
-    """`count` equal machines, the first centered on `first`, then each `step` further, meters."""
+    """Return `count` equal machines, the first centered on `first`, each `step` further, meters."""
     return [box((first[0] + i * step[0], first[1] + i * step[1]), size) for i in range(count)]
 
 
 def lattice_tour(columns: list[float], rows: list[float], junctions: str) -> Float64[np.ndarray, "W 2"]:
-    """Way-points at aisle crossings: "b2" is the second column (x) and the third row (y)."""
+    """Return way-points at aisle crossings: "b2" is the second column (x) and the third row (y)."""
     return np.array([(columns[ord(name[0]) - ord("a")], rows[int(name[1:])]) for name in junctions.split()])
 
 
 def _random_machines(
     rng: np.random.Generator, x_range: tuple[float, float], y_range: tuple[float, float]
 ) -> list[Float64[np.ndarray, "8 4"]]:
-    """Three chamfered machines in the block between two columns and two rows of aisles."""
+    """Return three chamfered machines in the block between two columns and two rows of aisles."""
     # Half an aisle is left free on every side.
     left, right = x_range[0] + 0.9, x_range[1] - 0.9
     lower, upper = y_range[0] + 0.9, y_range[1] - 0.9
@@ -224,7 +224,7 @@ def _random_machines(
 def _mirrored(
     shapes: list[Float64[np.ndarray, "_ 4"]], tour: Float64[np.ndarray, "W 2"], width: float
 ) -> tuple[list[Float64[np.ndarray, "_ 4"]], Float64[np.ndarray, "W 2"]]:
-    """The same hall with left and right swapped."""
+    """Return the same hall with left and right swapped."""
     sign, shift = np.array([-1.0, 1.0]), np.array([width, 0.0])
     turned = [shape * np.tile(sign, 2) + np.tile(shift, 2) for shape in shapes]
     return turned, tour * sign + shift

@@ -41,12 +41,12 @@ class Roadway:
 
 
 def roadway() -> tuple[World, Float64[np.ndarray, "W 2"]]:
-    """Two drifts of 71 m with three cross-cuts and two dead ends; the loop round it is 166 m."""
+    """Build two drifts of 71 m with three cross-cuts and two dead ends; the loop is 166 m long."""
     return build_roadway("roadway", Roadway(), np.random.default_rng(0))
 
 
 def random_roadway(key: PRNGKeyArray) -> tuple[World, Float64[np.ndarray, "W 2"]]:
-    """A roadway with another plan and other walls, for checks on worlds that nothing was tuned on."""
+    """Build a roadway with a random plan and random walls, to validate on worlds not used for tuning."""
     rng = np.random.default_rng(np.asarray(jax.random.key_data(key)))
     length, width = rng.uniform(62, 80), rng.uniform(3.6, 4.6)
     middle = length * rng.uniform(0.4, 0.6)
@@ -69,7 +69,7 @@ def random_roadway(key: PRNGKeyArray) -> tuple[World, Float64[np.ndarray, "W 2"]
 def build_roadway(
     name: str, plan: Roadway, rng: np.random.Generator
 ) -> tuple[World, Float64[np.ndarray, "W 2"]]:
-    """The world of a plan, and a tour once round the loop.
+    """Build the world of a plan, and a tour once round the loop.
 
     Args:
         name: of the world.
@@ -91,7 +91,7 @@ def build_roadway(
 
 
 def _outer(plan: Roadway) -> Float64[np.ndarray, "_ 2"]:
-    """Outline of all that is open, counter-clockwise, with the dead ends."""
+    """Return the outline of the open space, counter-clockwise, with the dead ends."""
     half = plan.width / 2
     low, high = -half, plan.spacing + half
     lower, upper = [(0.0, low)], [(plan.length, high)]
@@ -107,7 +107,7 @@ def _outer(plan: Roadway) -> Float64[np.ndarray, "_ 2"]:
 
 
 def _pillars(plan: Roadway) -> list[Float64[np.ndarray, "4 2"]]:
-    """Outlines of the coal that was left between the cross-cuts."""
+    """Return the outlines of the coal pillars between the cross-cuts."""
     half = plan.width / 2
     low, high = half, plan.spacing - half
     pairs = zip(plan.cross_cuts[:-1], plan.cross_cuts[1:], strict=True)
@@ -117,7 +117,7 @@ def _pillars(plan: Roadway) -> list[Float64[np.ndarray, "4 2"]]:
 
 
 def _supports(plan: Roadway) -> list[tuple[float, float]]:
-    """Where the legs of the supports stand: along both walls of both drifts, but not in an opening."""
+    """Return the positions of the support legs: along both walls of both drifts, except at openings."""
     off_wall = plan.width / 2 - plan.roughness - 0.2
     legs = []
     for x in np.arange(plan.support_spacing / 2, plan.length, plan.support_spacing):
@@ -133,7 +133,7 @@ def _supports(plan: Roadway) -> list[tuple[float, float]]:
 
 
 def _subdivided(outline: Float64[np.ndarray, "P 2"], step: float) -> Float64[np.ndarray, "_ 2"]:
-    """A closed outline with points at most `step` apart."""
+    """Return a closed outline with points at most `step` apart."""
     points = []
     for start, end in zip(outline, np.roll(outline, -1, axis=0), strict=True):
         count = max(1, int(np.ceil(np.linalg.norm(end - start) / step)))
@@ -144,13 +144,13 @@ def _subdivided(outline: Float64[np.ndarray, "P 2"], step: float) -> Float64[np.
 def _rough(
     plan: Roadway, rng: np.random.Generator, outline: Float64[np.ndarray, "P 2"]
 ) -> Float64[np.ndarray, "_ 2"]:
-    """An outline in facets, each corner of which is moved at random."""
+    """Return an outline in facets, with each corner moved at random."""
     points = _subdivided(outline, plan.facet)
     return points + rng.uniform(-plan.roughness, plan.roughness, points.shape)
 
 
 def _bent(plan: Roadway, points: Float64[np.ndarray, "P 2"]) -> Float64[np.ndarray, "P 2"]:
-    """The plan's straight drifts as they are driven."""
+    """Bend the straight drifts of the plan."""
     return points + np.stack(
         [np.zeros(len(points)), plan.bend * np.sin(2 * np.pi * points[:, 0] / plan.bend_length)], axis=1
     )

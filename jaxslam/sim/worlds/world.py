@@ -24,7 +24,7 @@ class World(eqx.Module):
 
     @classmethod
     def from_shapes(cls, name: str, shapes: list[Float64[np.ndarray, "_ 4"]]) -> "World":
-        """Puts shapes `[·, 4]` (meters) together to one world.
+        """Put shapes `[·, 4]` (meters) together to one world.
 
         Raises:
             ValueError: if there is no segment, one is not finite, or one has no length.
@@ -46,17 +46,17 @@ class World(eqx.Module):
 
     @property
     def num_segments(self) -> int:
-        """Number of segments `S`."""
+        """Return the number of segments `S`."""
         return self.segments.shape[-2]
 
     def bounds(self) -> tuple[Float64[np.ndarray, "2"], Float64[np.ndarray, "2"]]:
-        """Lower left and upper right corner of the box around all segments, meters (host)."""
+        """Return the lower left and upper right corner of the box around all segments, meters (host)."""
         points = np.asarray(self.segments, np.float64).reshape(-1, 2)
         return points.min(axis=0), points.max(axis=0)
 
 
 def polyline(points: Float64[np.ndarray, "P 2"], *, closed: bool = False) -> Float64[np.ndarray, "_ 4"]:
-    """Segments `[P − 1, 4]` from point to point, or `[P, 4]` with the one back to the first."""
+    """Return the segments `[P − 1, 4]` from point to point, or `[P, 4]` of the closed outline."""
     end = np.roll(points, -1, axis=0)
     segments = np.concatenate([points, end], axis=1)
     return segments if closed else segments[:-1]
@@ -65,7 +65,7 @@ def polyline(points: Float64[np.ndarray, "P 2"], *, closed: bool = False) -> Flo
 def place(
     points: Float64[np.ndarray, "P 2"], center: tuple[float, float], angle: float
 ) -> Float64[np.ndarray, "P 2"]:
-    """Turns points by `angle` radians about the origin, then moves the origin to `center`."""
+    """Turn points by `angle` radians about the origin, then moves the origin to `center`."""
     cos, sin = np.cos(angle), np.sin(angle)
     return points @ np.array([[cos, sin], [-sin, cos]]) + np.asarray(center)
 
@@ -77,7 +77,7 @@ def box(
     angle: float = 0.0,
     chamfer: float = 0.0,
 ) -> Float64[np.ndarray, "_ 4"]:
-    """A machine as a rectangle, `[4, 4]`, or `[8, 4]` with its corners cut.
+    """Return a machine as a rectangle, `[4, 4]`, or with chamfered corners, `[8, 4]`.
 
     Args:
         center: x, y of its middle, meters.
@@ -95,7 +95,7 @@ def box(
 
 
 def disc(center: tuple[float, float], radius: float, *, sides: int = 16) -> Float64[np.ndarray, "_ 4"]:
-    """A tank or pillar as a regular polygon `[sides, 4]` whose corners lie on the circle."""
+    """Return a tank or pillar as a regular polygon `[sides, 4]` whose corners lie on the circle."""
     angles = 2 * np.pi * np.arange(sides) / sides
     circle = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     return polyline(circle + np.asarray(center), closed=True)
@@ -104,7 +104,7 @@ def disc(center: tuple[float, float], radius: float, *, sides: int = 16) -> Floa
 def walls(
     size: tuple[float, float], depth: float, niches: list[list[tuple[float, float]]]
 ) -> Float64[np.ndarray, "_ 4"]:
-    """The wall around a hall, set back by niches (doors, windows) that reach the outer bounds.
+    """Return the wall around a hall, set back by niches (doors, windows) that reach the outer bounds.
 
     Args:
         size: outer bounds from the origin, meters.
@@ -129,7 +129,7 @@ def walls(
 def leg_clearances(
     segments: Float64[np.ndarray, "S 4"], waypoints: Float64[np.ndarray, "W 2"]
 ) -> Float64[np.ndarray, "W"]:
-    """Smallest distance from each leg of a closed tour to any segment, meters; 0 where they cross.
+    """Return the distance of each leg of a closed tour to the nearest segment, meters; 0 if they cross.
 
     Leg `i` runs from way-point `i` to the next one, the last leg back to the first way-point.
     """

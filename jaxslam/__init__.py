@@ -1,7 +1,7 @@
 """Vectorized Rao-Blackwellized particle-filter SLAM for 2D lidar, in JAX.
 
-The names of a first session are here; every other name is in the package it belongs to. Each name is loaded
-when it is first used (PEP 562), so `import jaxslam` imports nothing else.
+This module exports the names of a first session; all other names are in the packages. Each name is loaded at
+its first use (PEP 562), so `import jaxslam` imports nothing else.
 """
 
 import importlib
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from jaxslam.config.slam import SlamConfig
     from jaxslam.io.log import LogError, SensorLog
     from jaxslam.io.reader import read_log
+    from jaxslam.pipeline.inputs import PreparedScans
     from jaxslam.pipeline.localize import LocalizationResult, localize_log
     from jaxslam.pipeline.many import ManyResult, run_many
     from jaxslam.pipeline.prepare import prepare, prepare_localization
@@ -44,6 +45,7 @@ __all__ = [
     "LocalizationResult",
     "LogError",
     "ManyResult",
+    "PreparedScans",
     "RunResult",
     "SensorLog",
     "SlamConfig",
@@ -78,6 +80,7 @@ _MODULES = {
     "LocalizationResult": "pipeline.localize",
     "LogError": "io.log",
     "ManyResult": "pipeline.many",
+    "PreparedScans": "pipeline.inputs",
     "RunResult": "pipeline.run",
     "SensorLog": "io.log",
     "SlamConfig": "config.slam",
@@ -88,7 +91,7 @@ _MODULES = {
     "run_log": "pipeline.run",
     "run_many": "pipeline.many",
 }
-"""The module below `jaxslam` that defines each name; all other names of `__all__` are packages."""
+"""The module in `jaxslam` that defines each name; all other names in `__all__` are packages."""
 
 
 def __getattr__(name: str) -> object:

@@ -10,7 +10,7 @@ from jaxslam import RBPF, RunResult
 from jaxslam.core import se2
 from jaxslam.grid import GridSpec
 from jaxslam.metrics import BinaryMap, map_score
-from jaxslam.report.folder import occupancy_probability
+from jaxslam.pipeline.run import occupancy_probability
 from jaxslam.sim import World, observable
 
 MARGIN = 17.0

@@ -16,7 +16,7 @@ from jaxslam.core.types import StepInputs
 from jaxslam.io import OccupancyMap
 from jaxslam.localization import AMCL, AMCLInfo
 from jaxslam.pipeline.chunks import run_steps
-from jaxslam.report.folder import occupancy_probability
+from jaxslam.pipeline.run import occupancy_probability
 
 CONFIGURATION = LocalizationConfig().with_lidar("vlp-16")
 MAPPING = "optimised-15"

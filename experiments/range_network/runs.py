@@ -17,7 +17,7 @@ from jaxslam import RBPF, RunResult, SensorLog, prepare, run_log, sim
 from jaxslam.io import OdometryTrack
 from jaxslam.metrics import BinaryMap, loop_closed, match_features
 from jaxslam.pipeline.inputs import PreparedScans
-from jaxslam.report.folder import occupancy_probability
+from jaxslam.pipeline.run import occupancy_probability
 
 MARGIN = 10.0
 """Width of the maps' border around the corridor, meters: 3.5 m for the window, and 6.5 m for errors of the

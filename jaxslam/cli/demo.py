@@ -98,7 +98,7 @@ def _compare(truth: "Truth", result: "RunResult") -> "tuple[MapLayer, dict[str, 
     import numpy as np
 
     from jaxslam.metrics import BinaryMap, map_score
-    from jaxslam.report.folder import occupancy_probability
+    from jaxslam.pipeline.run import occupancy_probability
     from jaxslam.sim import observable
     from jaxslam.viz import MapLayer
 

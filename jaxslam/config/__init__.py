@@ -1,1 +1,1 @@
-"""Everything that a user sets, without any algorithm."""
+"""All settings: configurations, lidar presets, TOML and dotted names. No algorithm is defined here."""

@@ -1,4 +1,4 @@
-"""What is fused, and how."""
+"""Settings for the fusion of wheel odometry and IMU."""
 
 import equinox as eqx
 
@@ -9,18 +9,19 @@ from jaxslam.fusion.stream import ImuNoise, OdometerNoise
 
 
 class FusionSettings(eqx.Module):
-    """Wheel odometry and IMU fused before the particle filter.
+    """Fusion of wheel odometry and IMU, before the particle filter.
 
     Attributes:
-        use: "off": the wheels alone; "auto": fused where the log has an IMU that turns; "on": fused, and a
-            log without is refused (static).
-        yaw_axis: of the IMU that points up: x, y, z, -x, -y or -z; "auto" is from the log, or gravity
-            (static).
-        read_poses: read the odometry's pose as well as its rates, as the paper has it (static).
-        read_headings: read the IMU's heading as well as its rate; it may be a compass beside iron (static).
-        ekf: the filter.
-        odometer: noise of the wheels.
-        imu: noise of the IMU.
+        use: "off" uses the wheel odometry alone. "auto" fuses if the log has an IMU that measures angular
+            velocity. "on" always fuses, and a log without an IMU is an error (static).
+        yaw_axis: IMU axis that points up: x, y, z, -x, -y or -z. "auto" takes the axis from the log or from
+            gravity (static).
+        read_poses: Use the poses of the odometry in addition to its velocities, as Liang et al. do (static).
+        read_headings: Use the heading of the IMU in addition to its yaw rate. A compass near iron makes the
+            heading unreliable (static).
+        ekf: Kalman filter that fuses the readings.
+        odometer: Noise of the wheel odometry.
+        imu: Noise of the IMU.
     """
 
     use: str = eqx.field(static=True, default="off")

@@ -1,4 +1,4 @@
-"""The lidar of a configuration: its ranges and when its beams are taken."""
+"""Settings of the lidar: its ranges and the timing of its beams."""
 
 import equinox as eqx
 from jaxtyping import Array, Float
@@ -10,17 +10,17 @@ Number = float | Float[Array, ""]
 
 
 class LidarSettings(eqx.Module):
-    """The ranges of the lidar, and when its beams are taken.
+    """Ranges of the lidar and timing of its beams.
 
     Attributes:
-        name: the preset they are from (static).
-        usable_range: longer returns only clear the space before them, meters.
-        min_range: shorter readings are no return, meters.
-        max_range: readings at or over it are no return, meters.
-        turn_time: of a whole turn, for logs that do not say when within a scan its beams were taken,
-            seconds; 0: all at once.
-        max_lag: how far the scans' stamps may be off the odometry's, which is estimated, seconds; 0 takes
-            them as they are.
+        name: Name of the preset that the ranges come from (static).
+        usable_range: Range beyond which a return only clears the space in front of it, meters.
+        min_range: Shortest valid reading, meters. A shorter reading counts as no return.
+        max_range: Upper limit of valid readings, meters. A reading at or above it counts as no return.
+        turn_time: Duration of one revolution of the lidar, seconds. It is used for logs without the times of
+            the beams; 0 treats all beams of a scan as simultaneous.
+        max_lag: Largest offset between the stamps of scans and odometry that is searched and corrected,
+            seconds; 0 keeps the stamps unchanged.
     """
 
     name: str = eqx.field(static=True)
@@ -38,14 +38,16 @@ class LidarSettings(eqx.Module):
         require_number(self, "max_lag", lambda value: value >= 0, "a number of seconds, 0 or more")
         low, high = self.min_range, self.max_range
         if isinstance(low, float) and isinstance(high, float) and not low < high:
-            raise ValueError(f"lidar.min_range is {low} m and lidar.max_range {high} m: exchange them")
+            raise ValueError(
+                f"lidar.min_range is {low} m and lidar.max_range {high} m: give a min_range below max_range"
+            )
 
     @classmethod
     def from_preset(cls, preset: LidarPreset | str) -> "LidarSettings":
-        """Return the settings of a preset, given itself or by name.
+        """Return the settings of a preset, given as an object or by name.
 
         Raises:
-            ValueError: there is no preset of that name; the message names the nearest.
+            ValueError: no preset has this name; the message suggests the closest match.
         """
         preset = lidar_preset(preset) if isinstance(preset, str) else preset
         return cls(preset.name, preset.usable_range, preset.min_range, preset.max_range, preset.turn_time)

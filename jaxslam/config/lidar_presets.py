@@ -1,4 +1,7 @@
-"""Lidar presets, and the one that a log's scans look like. NumPy only: the command line starts quickly."""
+"""Lidar presets, and their detection from the scans of a log.
+
+This module uses NumPy only, so that the command line starts quickly.
+"""
 
 import difflib
 import math
@@ -9,26 +12,28 @@ import numpy as np
 from jaxslam.io.log import LogError, ScanTrack, SensorLog
 
 _MAX_FIELD_OF_VIEW_ERROR = math.radians(12.0)
-"""A sensor that loses its outermost beams still has its field of view within this."""
+"""Largest difference between a preset's and a log's field of view, radians: drivers may drop outer beams."""
 _MAX_COST = 2.0
+"""Cost above which no preset fits."""
 
 
 @dataclass(frozen=True)
 class LidarPreset:
-    """What is known of a lidar: the ranges the filter uses, and how its scans look in a log.
+    """Properties of a lidar: the ranges that the filter uses, and the format of its scans in a log.
 
     Attributes:
-        name: as in `--lidar NAME`.
-        usable_range: longer returns only clear the space before them, meters.
-        min_range: shorter readings are no return, meters.
-        max_range: readings at or over it are no return, meters.
-        log_max_ranges: maximum ranges that logs of it state, meters.
-        num_beams: beams that its scans have.
-        field_of_view: radians.
+        name: name for `--lidar NAME`.
+        usable_range: range beyond which a return only clears the space in front of it, meters.
+        min_range: shortest valid reading, meters; a shorter reading counts as no return.
+        max_range: upper limit of valid readings, meters; a reading at or above it counts as no return.
+        log_max_ranges: maximum ranges that logs of this lidar report, meters.
+        num_beams: possible numbers of beams per scan.
+        field_of_view: field of view, radians.
         rate: scans per second.
-        turn_time: of a whole turn, over which the beams of a scan are taken one by one, seconds.
-        planar: whether it gives planar scans by itself; what is cut from a cloud cannot be told by its looks.
-        max_lag: largest lag between scans and odometry that is looked for, seconds.
+        turn_time: duration of one revolution, during which the beams are measured one by one, seconds.
+        planar: whether the lidar itself produces planar scans. Scans cut from a point cloud have no typical
+            format, so such a preset is never detected automatically.
+        max_lag: largest offset between the stamps of scans and odometry that is searched, seconds.
     """
 
     name: str
@@ -44,8 +49,8 @@ class LidarPreset:
     max_lag: float = 0.5
 
 
-# Ranges, beams and rates: the makers' data sheets. The SICK reaches 80 m, but at 16 m its beams are 28 cm
-# apart, and few of them add to a match.
+# Ranges, beams and rates are from the manufacturers' data sheets. The SICK reaches 80 m, but at 16 m its
+# beams are 28 cm apart, so more distant returns contribute little to a match.
 PRESETS: dict[str, LidarPreset] = {
     preset.name: preset
     for preset in (
@@ -54,43 +59,45 @@ PRESETS: dict[str, LidarPreset] = {
         LidarPreset("rplidar-a1", 6.0, 0.15, 6.0, (6.0, 12.0), (360,), 2 * math.pi, 5.5, 1 / 5.5),
         LidarPreset("lds-01", 3.5, 0.12, 3.5, (3.5,), (360,), 2 * math.pi, 5.0, 0.2),
         LidarPreset("lds-02", 8.0, 0.16, 8.0, (8.0,), (240, 260), 2 * math.pi, 9.0, 1 / 9),
-        # One ring of it.
+        # A single ring.
         LidarPreset("vlp-16", 16.0, 0.5, 100.0, (100.0,), (900, 1800), 2 * math.pi, 10.0, 0.1, False),
     )
 }
 
 GENERIC_USABLE_RANGE = 8.0
-"""Usable range where no preset fits, meters, if the sensor reaches that far."""
+"""Upper limit of the usable range if no preset fits, meters."""
 
 
 def lidar_preset(name: str) -> LidarPreset:
-    """The preset of that name.
+    """Return the preset with a given name.
 
     Raises:
-        ValueError: there is none; the message names the nearest.
+        ValueError: no preset has this name; the message suggests the closest match.
     """
     if name not in PRESETS:
         nearest = difflib.get_close_matches(name.lower(), PRESETS, n=1, cutoff=0.0)[0]
         raise ValueError(
-            f"no lidar preset is called {name!r}: did you mean {nearest!r}? There are {', '.join(PRESETS)}"
+            f"no lidar preset is called {name!r}: did you mean {nearest!r}? "
+            f"The presets are {', '.join(PRESETS)}"
         )
     return PRESETS[name]
 
 
 def detect_lidar(log: SensorLog) -> LidarPreset:
-    """The preset whose scans look most like those of a log.
+    """Return the preset that fits the scans of a log best.
 
-    The field of view decides first. Then beams, maximum range and rate are compared by ratio; a
-    maximum range that is the driver's and not the sensor's, or a thinned log, counts only so much.
+    A preset with another field of view is excluded. The number of beams, the maximum range and the rate are
+    compared by ratio. The costs of range and rate are limited, because the maximum range may be the driver's
+    instead of the sensor's, and the log may be thinned.
 
     Returns:
-        A preset, or one called `generic` with the log's own ranges where none fits.
+        A preset. If none fits, a preset called `generic` with the ranges of the log.
 
     Raises:
         LogError: the log has no scans.
     """
     if log.scans is None or len(log.scans.stamps) == 0:
-        raise LogError(f"{log.path}: no laser scans in it, so there is nothing to map (see `jaxslam info`)")
+        raise LogError(f"{log.path}: the log has no laser scans: give a log with scans (see `jaxslam info`)")
     costs = {name: _cost(preset, log.scans) for name, preset in PRESETS.items() if preset.planar}
     name = min(costs, key=lambda name: costs[name])
     return PRESETS[name] if costs[name] <= _MAX_COST else _generic(log.scans)
@@ -99,7 +106,8 @@ def detect_lidar(log: SensorLog) -> LidarPreset:
 def _cost(preset: LidarPreset, scans: ScanTrack) -> float:
     num_beams = float(np.median(scans.num_beams))
     increment = abs(float(np.median(scans.angle_increment)))
-    # A full circle of n beams spans n steps, an arc of n beams n − 1 or, in CARMEN's even counts, n.
+    # A full circle of n beams spans n steps. An arc of n beams spans n − 1 steps or, in CARMEN logs with an
+    # even number of beams, n steps.
     spans = (increment * (num_beams - 1), increment * num_beams)
     error = min(abs(span - preset.field_of_view) for span in spans)
     if error > _MAX_FIELD_OF_VIEW_ERROR:
@@ -113,7 +121,7 @@ def _cost(preset: LidarPreset, scans: ScanTrack) -> float:
 
 
 def _ratio(value: float, expected: float) -> float:
-    """|ln(value / expected)|: 0 where equal, 0.7 for twice or half."""
+    """Return |ln(value / expected)|: 0 for equal values, 0.7 for a factor of two."""
     return abs(math.log(value / expected)) if value > 0 else math.inf
 
 

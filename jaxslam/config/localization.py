@@ -1,12 +1,13 @@
-"""Everything that decides a localization besides the log, the map, the start and the seed."""
+"""The configuration of a localization: everything except the log, the map, the start pose and the seed."""
 
 import dataclasses
 import math
+from collections.abc import Mapping
 
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from jaxslam.config.dotted import UNSET
+from jaxslam.config.dotted import UNSET, update
 from jaxslam.config.lidar import LidarSettings
 from jaxslam.config.lidar_presets import LidarPreset
 from jaxslam.config.thinning import Thinning
@@ -25,14 +26,15 @@ from jaxslam.sensor.likelihood_field import LikelihoodField
 Number = float | Float[Array, ""]
 
 _WIDEST_START = 1e4
+"""Largest standard deviation of a start pose, meters or radians."""
 
 
 class StartSettings(eqx.Module):
-    """How well a start that is given is known.
+    """Uncertainty of a given start pose.
 
     Attributes:
-        deviation: standard deviation of its x and of its y, meters.
-        rotation_deviation: and of its heading, radians.
+        deviation: Standard deviation of the start position in x and in y, meters.
+        rotation_deviation: Standard deviation of the start heading, radians.
     """
 
     deviation: Number = 0.5
@@ -43,15 +45,18 @@ class StartSettings(eqx.Module):
         for name in ("deviation", "rotation_deviation"):
             value = getattr(self, name)
             if isinstance(value, float) and value > _WIDEST_START:
-                raise ValueError(f"start.{name} is {value:g}: a start that unsure is --global")
+                raise ValueError(
+                    f"start.{name} is {value:g}: give at most {_WIDEST_START:g}, or search the whole map "
+                    "with --global"
+                )
 
 
 class BinSettings(eqx.Module):
-    """Bins over poses, which say how far the particles are spread.
+    """Histogram bins over poses; KLD sampling counts the occupied bins to measure the particles' spread.
 
     Attributes:
-        translation: side of a bin, meters.
-        rotation: width of a bin, radians.
+        translation: Size of a bin in x and in y, meters.
+        rotation: Size of a bin in heading, radians.
     """
 
     translation: Number = 0.5
@@ -62,26 +67,27 @@ class BinSettings(eqx.Module):
 
 
 class LocalizationConfig(eqx.Module):
-    """A whole localization and how it is fed. Floats are traced, sizes and choices static.
+    """Configuration of a localization. Floats are traced; sizes and choices are static.
 
     Attributes:
-        max_particles: N, room for particles; a global start fills it (static).
-        max_distance: end points farther than this from any obstacle are all alike, meters.
-        resample_below: resample where the effective sample size is under this share of the particles; over
-            1 resamples in every step.
-        min_valid_beams: a scan with fewer among those that are looked at moves the particles by odometry
-            alone.
-        lidar: ranges of the sensor; None: it is chosen by the scans of the log.
-        thinning: which scans are processed (static: it decides how many steps there are).
-        start: how well a start that is given is known.
-        bins: to count where particles are.
-        motion: p(x_t | x_{t−1}, u_t).
-        sensor: p(z_t | x_t, m).
-        skipping: of beams that hardly any particle explains.
-        sampling: how many particles are needed.
-        recovery: how many of them come from the whole map.
-        clustering: where the estimate is.
-        agreement: what counts as converged and as lost.
+        max_particles: Largest number of particles, N. A global start uses all of them (static).
+        max_distance: Largest distance to an obstacle that the sensor model distinguishes, meters. End points
+            farther from any obstacle all score alike.
+        resample_below: Effective sample size below which the particles are resampled, as a fraction of their
+            number. A value above 1 resamples at every step.
+        min_valid_beams: Smallest number of valid beams, among the scored beams, for which a scan is used.
+            With fewer, odometry alone moves the particles.
+        lidar: Ranges of the lidar. None detects the preset from the scans of the log.
+        thinning: Rule for which scans are processed (static, because it determines the number of steps).
+        start: Uncertainty of a given start pose.
+        bins: Bins over poses for KLD sampling.
+        motion: Motion model, p(x_t | x_{t−1}, u_t).
+        sensor: Sensor model, p(z_t | x_t, m).
+        skipping: Rule for skipping beams that hardly any particle explains.
+        sampling: KLD sampling, which adapts the number of particles.
+        recovery: Rule for adding particles drawn from the whole map.
+        clustering: Clustering of the particles, which yields the estimate.
+        agreement: Criteria for a converged and for a lost localization.
     """
 
     max_particles: int = eqx.field(static=True, default=100_000)
@@ -108,5 +114,16 @@ class LocalizationConfig(eqx.Module):
         require_at_least_zero(self, positive=("max_distance",))
 
     def with_lidar(self, preset: LidarPreset | str) -> "LocalizationConfig":
-        """Return the configuration with the ranges of a lidar, given by preset or name of a preset."""
+        """Return a copy with the ranges of a lidar preset, given as an object or by name."""
         return dataclasses.replace(self, lidar=LidarSettings.from_preset(preset))
+
+    def with_settings(self, settings: Mapping[str, object]) -> "LocalizationConfig":
+        """Return a copy with settings changed by dotted name or unambiguous suffix.
+
+        Raises:
+            ValueError: a name is unknown or ambiguous, or a value has the wrong type or is out of range.
+
+        Example:
+            `LocalizationConfig().with_settings({"sensor.sigma_hit": 0.1})`
+        """
+        return update(self, settings)

@@ -1,4 +1,7 @@
-"""The choices a configuration has, by name. A new proposal, model or scheme is one more line here."""
+"""The classes that a configuration can choose from, by name.
+
+Register a new proposal, motion model, sensor model or resampler here with one line.
+"""
 
 import equinox as eqx
 
@@ -53,11 +56,11 @@ VARIANTS: dict[type[eqx.Module], dict[str, type[eqx.Module]]] = {
         "multinomial": MultinomialResampler,
     },
 }
-"""Classes by name, by the abstract class that they implement. All must be made without arguments."""
+"""Registered classes by name, for each abstract class. Each class must be constructible without arguments."""
 
 
 def choices(part: object) -> dict[str, type[eqx.Module]]:
-    """What could stand in the place of `part`, by name; empty where there is no choice."""
+    """Return the classes that can replace `part`, by name; empty if `part` is not a choice."""
     for base, named in VARIANTS.items():
         if isinstance(part, base):
             return named
@@ -65,10 +68,10 @@ def choices(part: object) -> dict[str, type[eqx.Module]]:
 
 
 def kind(part: object) -> str:
-    """The registered name of the class of `part`.
+    """Return the registered name of the class of `part`.
 
     Raises:
-        ValueError: its class is not registered.
+        ValueError: the class is not registered.
     """
     for name, variant in choices(part).items():
         if type(part) is variant:

@@ -1,4 +1,4 @@
-"""One configuration from defaults, a lidar preset, a file, flags and assignments."""
+"""Resolve a configuration from defaults, a lidar preset, a file, flags and assignments."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -16,7 +16,7 @@ from jaxslam.io.log import SensorLog
 AnyConfig = TypeVar("AnyConfig", SlamConfig, LocalizationConfig)
 
 _FALLBACK = PRESETS["sick"]
-"""Preset that lidar settings start from where neither a name nor a log chooses one."""
+"""Preset whose values apply if neither a name nor a log selects a lidar."""
 
 
 def resolve_config(
@@ -29,22 +29,23 @@ def resolve_config(
     flags: Mapping[str, object] | None = None,
     assignments: Sequence[str] = (),
 ) -> AnyConfig:
-    """Return the configuration that a command line asks for; a later source overrides an earlier one.
+    """Return the configuration for a command line; a later source overrides an earlier one.
 
-    The sources: the defaults, the lidar detected in the log (unless `lidar` or the file names one), the
-    file, `lidar`, `method`, the flags, the assignments.
+    The sources are, in this order: the defaults, the lidar detected in the log (unless
+    `lidar` or the file names one), the file, `lidar`, `method`, the flags, the assignments.
 
     Args:
-        defaults: of mapping or of localization.
-        log: its scans choose the lidar. None: the lidar stays None unless another source sets it.
+        defaults: configuration of mapping or of localization to start from.
+        log: log from whose scans the lidar is detected. Without a log, the lidar stays None unless another
+            source sets it.
         config: TOML file, or None.
         lidar: name of a preset, or None.
-        method: of `METHODS`, or None; a localization has none.
-        flags: values by dotted name; None where a flag was not given.
-        assignments: `name=value` each.
+        method: name from `METHODS`, or None. It applies to mapping only.
+        flags: values by dotted name; None for a flag that was not given.
+        assignments: texts `name=value`.
 
     Raises:
-        ValueError: an unknown name or a wrong value, one line.
+        ValueError: a name is unknown or a value is invalid; the message is one line.
         OSError: the file cannot be read.
     """
     preset = lidar_preset(lidar) if lidar is not None else None

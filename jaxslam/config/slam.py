@@ -1,7 +1,8 @@
-"""Everything that decides a run besides the log and the seed, as one frozen pytree."""
+"""The configuration of a mapping run: everything except the log and the seed, as one frozen pytree."""
 
 import dataclasses
 import difflib
+from collections.abc import Mapping
 
 import equinox as eqx
 from jaxtyping import Array, Float
@@ -31,20 +32,26 @@ METHODS: dict[str, dict[str, str]] = {
     "fruit-fly": {"proposal.kind": "fruit_fly", "fusion.use": "auto"},
     "gaussian": {"proposal.kind": "gaussian"},
 }
-"""What a method sets: `rbpf` is the traditional filter, `gmapping` matches scans, `fruit-fly` is the first
-paper's, with odometry and IMU fused where there is one, and a swarm; `gaussian` the second paper's."""
+"""Settings of each method.
+
+`rbpf` is the traditional filter. `gmapping` matches scans. `fruit-fly` is the filter of Liang et al.: it
+fuses odometry and IMU if the log has an IMU, and refines poses with a swarm. `gaussian` is the filter of Yang
+et al. 2019.
+"""
 
 
 class MapSettings(eqx.Module):
     """Cells and extent of the maps.
 
     Attributes:
-        resolution: side of a cell, meters.
-        margin: room around the odometry's path beyond the usable range, meters: what it may be wrong by.
-        margin_share: and so much more per meter of the path's longer side: a heading that drifts turns it.
-        window: side of the square that a step works on, meters, if the usable range is not shorter. It lies
-            around the lidar, and ahead of one that sees farther.
-        radius: truncation of the distance field, cells, 1 to 10 (static).
+        resolution: Side of a cell, meters.
+        margin: Map margin around the odometry path beyond the usable range, meters. It must exceed the drift
+            of the odometry in position.
+        margin_share: Additional map margin per meter of the longer side of the odometry path's bounding box,
+            meters per meter. It allows for the drift of the odometry in heading.
+        window: Side of the square map window that a step processes, meters. A shorter usable range
+            reduces the window. The window lies around the lidar, or ahead of a lidar that sees beyond it.
+        radius: Truncation distance of the distance field, cells, 1 to 10 (static).
     """
 
     resolution: Number = 0.05
@@ -63,19 +70,19 @@ class MapSettings(eqx.Module):
 
 
 class SlamConfig(eqx.Module):
-    """A whole filter and how it is fed. Floats are traced, sizes and choices static.
+    """Configuration of a mapping run. Floats are traced; sizes and choices are static.
 
     Attributes:
-        num_particles: N, particles, each with a map of its own (static).
-        lidar: ranges of the sensor; None: `prepare` chooses the preset by the scans of the log.
-        thinning: which scans are processed (static: it decides how many steps there are).
-        map: cells and extent of the maps.
-        fusion: whether and how odometry is fused with an IMU first.
-        motion: p(x_t | x_{t−1}, u_t).
-        sensor: p(z_t | x_t, m).
-        proposal: where the particles go.
-        resampling: when and how to resample.
-        occupancy: what a scan adds to a map.
+        num_particles: Number of particles, N. Each particle has its own map (static).
+        lidar: Ranges of the lidar. None lets `prepare` detect the preset from the scans of the log.
+        thinning: Rule for which scans are processed (static, because it determines the number of steps).
+        map: Cells and extent of the maps.
+        fusion: Fusion of odometry and IMU before the filter.
+        motion: Motion model, p(x_t | x_{t−1}, u_t).
+        sensor: Sensor model, p(z_t | x_t, m).
+        proposal: Proposal distribution, from which the poses of the particles are drawn.
+        resampling: Resampling scheme and its threshold.
+        occupancy: Occupancy update of a map by a scan.
     """
 
     num_particles: int = eqx.field(static=True, default=30)
@@ -95,24 +102,38 @@ class SlamConfig(eqx.Module):
 
     @property
     def method(self) -> str:
-        """The name in `METHODS` of the proposal; the proposal's own name where it has none there."""
+        """Name of the method that uses this proposal; the name of the proposal if no method uses it."""
         proposal = kind(self.proposal)
         names = {settings["proposal.kind"]: method for method, settings in METHODS.items()}
         return names.get(proposal, proposal)
 
     def with_lidar(self, preset: LidarPreset | str) -> "SlamConfig":
-        """Return the configuration with the ranges of a lidar, given by preset or name of a preset."""
+        """Return a copy with the ranges of a lidar preset, given as an object or by name."""
         return dataclasses.replace(self, lidar=LidarSettings.from_preset(preset))
 
     def with_method(self, method: str) -> "SlamConfig":
-        """The same with what a method of `METHODS` sets; a proposal of that kind is kept.
+        """Return a copy with the settings of a method from `METHODS`.
+
+        A proposal that already has the method's kind keeps its settings.
 
         Raises:
-            ValueError: there is no such method; the message names the nearest.
+            ValueError: no method has this name; the message suggests the closest match.
         """
         if method not in METHODS:
             nearest = difflib.get_close_matches(method, METHODS, n=1, cutoff=0.0)[0]
             raise ValueError(
-                f"no method is called {method!r}: did you mean {nearest!r}? There are {', '.join(METHODS)}"
+                f"no method is called {method!r}: did you mean {nearest!r}? "
+                f"The methods are {', '.join(METHODS)}"
             )
         return update(self, METHODS[method], exact=True)
+
+    def with_settings(self, settings: Mapping[str, object]) -> "SlamConfig":
+        """Return a copy with settings changed by dotted name or unambiguous suffix.
+
+        Raises:
+            ValueError: a name is unknown or ambiguous, or a value has the wrong type or is out of range.
+
+        Example:
+            `SlamConfig().with_settings({"sensor.sigma_hit": 0.1, "proposal": "motion"})`
+        """
+        return update(self, settings)

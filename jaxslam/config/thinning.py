@@ -1,15 +1,17 @@
-"""Which scans of a log a filter processes."""
+"""Settings for thinning: which scans of a log a filter processes."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Thinning:
-    """Which scans a filter processes: those taken after the robot has moved enough.
+    """Rule for which scans a filter processes: a scan is processed once the robot has moved or turned enough.
 
     Attributes:
-        min_translation: path length since the last processed scan that makes the next one due, meters.
-        min_rotation: or the sum of turning, radians.
+        min_translation: Path length since the last processed scan after which the next scan is processed,
+            meters.
+        min_rotation: Total rotation since the last processed scan after which the next scan is processed,
+            radians.
     """
 
     min_translation: float = 0.2

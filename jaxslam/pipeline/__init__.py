@@ -1,1 +1,1 @@
-"""From a log and a configuration to a filter, and from the filter to a result."""
+"""Build a filter from a log and a configuration, and run it to a result."""

@@ -1,4 +1,4 @@
-"""Build a filter from its config."""
+"""Build a filter from its configuration."""
 
 import math
 
@@ -20,7 +20,7 @@ from jaxslam.xla.resources import physical_memory
 _MAX_CELLS = 2**31 - 1
 _MAX_BINS = 2**27
 _BYTES_PER_PARTICLE = 200
-"""Before and after a step and while it works: 137 by the compiler, and some for the pictures."""
+"""Memory of a step: 137 bytes according to the compiler, plus a reserve for the pictures."""
 
 
 def build_slam(
@@ -28,31 +28,32 @@ def build_slam(
     odometry_bounds: Float64[np.ndarray, "2 2"],
     range_network: RangeNetwork | None = None,
 ) -> RBPF:
-    """The filter of a configuration, its maps sized for a path.
+    """Build the filter of a configuration, with maps sized for an odometry path.
 
     Args:
-        config: see there.
-        odometry_bounds: `[2, 2]` lower and upper corner of the odometry's path, meters.
-        range_network: corrects the ranges of every scan.
+        config: configuration, with a lidar.
+        odometry_bounds: `[2, 2]` lower and upper corner of the odometry path, meters.
+        range_network: network that corrects the ranges of every scan, or None.
 
     Raises:
-        ValueError: the maps would not fit into memory.
+        ValueError: the configuration has no lidar, or the maps would not fit into memory.
 
     Example:
-        A path of 10 × 5 m, margin 12 m and 0.3 per meter, usable range 8 m, cells of 5 cm: 56 × 51 m.
+        A path of 10 × 5 m, a margin of 12 m plus 0.3 m per meter, and a usable range of 8 m give maps of
+        56 × 51 m.
     """
     if config.lidar is None:
-        raise ValueError('config.lidar is None: give one, for example config.with_lidar("sick")')
+        raise ValueError('config.lidar is None: set one, for example config.with_lidar("sick")')
     reach, resolution = float(config.lidar.usable_range), float(config.map.resolution)
     longer_side = float(np.max(odometry_bounds[1] - odometry_bounds[0]))
     margin = float(config.map.margin) + float(config.map.margin_share) * longer_side
     around = reach + margin
     radius = config.map.radius
-    # A range that is a whole number of cells must not get one more by rounding.
+    # Rounding errors must not add a cell to a range that is a whole number of cells.
     half_window = math.ceil(min(reach, float(config.map.window) / 2) / resolution - 1e-6) + radius + 1
     window_size = -(-2 * half_window // 4) * 4
     lower, upper = odometry_bounds[0] - around, odometry_bounds[1] + around
-    # The window must find room in a map with a small margin, too.
+    # A map with a small margin must still be large enough for the window.
     missing = np.maximum(window_rows(window_size, radius) * resolution - (upper - lower), 0.0)
     lower, upper = lower - missing / 2, upper + missing / 2
     _check_memory(config, upper - lower)
@@ -76,13 +77,18 @@ def build_localizer(
     occupancy: OccupancyMap,
     range_network: RangeNetwork | None = None,
 ) -> AMCL:
-    """The filter of a configuration on a map, with the network that corrects its ranges, if any.
+    """Build the localization filter of a configuration on a map.
+
+    Args:
+        config: configuration.
+        occupancy: known map.
+        range_network: network that corrects the ranges of every scan, or None.
 
     Raises:
-        ValueError: the map has no obstacle or no free space, the bins are too small for it, or the particles
-            would not fit into memory.
+        ValueError: the map has no obstacle or no free space, the bins are too small for the map, or the
+            particles would not fit into memory.
     """
-    require_memory(config)
+    _check_particles(config)
     map = KnownMap.from_map(occupancy, float(config.max_distance))
     bins = Bins.over(map, float(config.bins.translation), float(config.bins.rotation))
     if bins.count > _MAX_BINS:
@@ -111,22 +117,21 @@ def build_localizer(
 
 def _check_memory(config: SlamConfig, extent: Float64[np.ndarray, "2"]) -> None:
     cells = float(np.prod(np.ceil(extent / float(config.map.resolution))))
-    # One byte per cell and particle, and as much again while particles are resampled.
+    # One byte per cell and particle, and twice that while particles are resampled.
     needed = 2 * cells * config.num_particles
     available = physical_memory()
     if cells > _MAX_CELLS or needed > available:
         raise ValueError(
             f"{config.num_particles} maps of {extent[0]:.0f} × {extent[1]:.0f} m need "
-            f"{needed / 1e9:.3g} GB of the {available / 1e9:.3g} GB there are: lower num_particles or "
+            f"{needed / 1e9:.3g} GB, but only {available / 1e9:.3g} GB are available: lower num_particles or "
             "map.margin, or raise map.resolution"
         )
 
 
-def require_memory(config: LocalizationConfig) -> None:
-    """Raises a `ValueError` where the particles would not fit into memory."""
+def _check_particles(config: LocalizationConfig) -> None:
     needed, available = config.max_particles * _BYTES_PER_PARTICLE, physical_memory()
     if needed > available or config.max_particles >= 2**31:
         raise ValueError(
-            f"{config.max_particles} particles need {needed / 1e9:.3g} GB of the "
-            f"{available / 1e9:.3g} GB there are: lower max_particles"
+            f"{config.max_particles} particles need {needed / 1e9:.3g} GB, but only "
+            f"{available / 1e9:.3g} GB are available: lower max_particles"
         )

@@ -1,4 +1,4 @@
-"""The loop over time under every driver: one compiled `lax.scan` over a chunk of steps."""
+"""The loop over time that every driver uses: one compiled `lax.scan` over a chunk of steps."""
 
 import functools
 import time
@@ -15,7 +15,7 @@ from jaxslam.core.types import StepInputs
 from jaxslam.xla.compiler import compiler_options
 
 CHUNK = 64
-"""Scans between two calls to the host: often enough for a progress bar, rarely enough to cost nothing."""
+"""Scans between two returns to the host: often enough for a progress bar, with negligible cost."""
 
 
 def run_steps(
@@ -28,21 +28,22 @@ def run_steps(
     count: Int[Array, ""] | int | None = None,
     length: int | None = None,
 ) -> tuple[Any, Any]:
-    """Run a filter over its inputs as one `lax.scan`: jit it, or vmap it over keys or floats of the filter.
+    """Run a filter over its inputs as one `lax.scan`.
 
-    `compiler_options` of `jaxslam.xla.compiler` make an RBPF a quarter faster on the CPU.
+    Wrap it in `jax.jit`, or vmap it over keys or over floats of the filter. The options from
+    `jaxslam.xla.compiler.compiler_options` make an RBPF a quarter faster on the CPU.
 
     Args:
         filter_: a pytree with `step(key, state, inputs) -> (state, info)`, such as `RBPF` or `AMCL`.
         inputs: leaves stacked over time, `[T, ...]`.
         key: PRNG key; step `t` uses `fold_in(key, t)`.
-        state: from the filter's `init`.
+        state: initial state, from the filter's `init`.
         first: index of the first step.
-        count: number of steps; it is traced, so another number does not compile again. None: `length`.
-        length: number of steps that are compiled, at least `count` (static). None: all T.
+        count: number of steps; None for `length`. It is traced, so another number does not recompile.
+        length: number of compiled steps, at least `count` (static); None for all T.
 
     Returns:
-        The final state, and the infos of all steps, leaves `[length, ...]`; zeros from `count` on.
+        The final state, and the infos of all steps with leaves `[length, ...]`, which are 0 from `count` on.
     """
     length = inputs.scan.ranges.shape[0] if length is None else length
     count = length if count is None else count
@@ -64,12 +65,12 @@ def run_steps(
 
 @dataclass(frozen=True)
 class ChunkedRun:
-    """A filter at the end of a log.
+    """The final state of a filter and the infos of all its steps.
 
     Attributes:
         state: the final state.
         infos: the infos of all steps, NumPy arrays `[T, ...]`.
-        compile_s: seconds spent compiling; almost none after an earlier run of the same sizes.
+        compile_s: seconds spent compiling; close to 0 after an earlier run of the same sizes.
         run_s: seconds spent running, without compilation.
     """
 
@@ -93,20 +94,21 @@ def run_in_chunks(
     """Run a filter over all inputs from the host, with the same result as `run_steps`.
 
     Args:
-        filter_: as for `run_steps`.
+        filter_: filter, as for `run_steps`.
         inputs: leaves stacked over time, `[T, ...]`.
         key: PRNG key; same key, same bytes.
-        state: to start from; it is donated.
-        tuned: compile with `compiler_options`, which suit mapping and not the look-ups of many particles.
+        state: initial state; it is donated.
+        tuned: compile with `compiler_options`, which speed up mapping but not the map look-ups of many
+            particles.
         progress: label of a progress bar on stderr (needs tqdm); None for no bar.
-        on_chunk: called with the state and the infos so far after each chunk; it may raise.
+        on_chunk: called after each chunk with the state and the infos so far; it may raise.
         every: scans per chunk, at most `CHUNK`.
     """
     total = inputs.scan.ranges.shape[0]
     inputs, infos, run_s = pad_inputs(inputs), [], 0.0
     program = _program(tuned)
     started = time.perf_counter()
-    # A call of no steps spends its time on compiling, unless a run of the same sizes came before.
+    # A call with 0 steps only compiles, unless the program was compiled before.
     state, _ = jax.block_until_ready(program(filter_, inputs, key, state, first=0, count=0))
     compile_s = time.perf_counter() - started
     bar = None if progress is None else _progress_bar(total, progress)
@@ -128,7 +130,7 @@ def run_in_chunks(
 
 
 def pad_inputs(inputs: StepInputs) -> StepInputs:
-    """Pad inputs to a power of two, so that logs of similar length share one compilation."""
+    """Pad the inputs to a power of two, so that logs of similar length share one compilation."""
     total = inputs.scan.ranges.shape[0]
     size = 1 << max(total - 1, 1).bit_length()
     return jax.tree.map(lambda leaf: jnp.pad(leaf, [(0, size - total)] + [(0, 0)] * (leaf.ndim - 1)), inputs)
@@ -136,7 +138,7 @@ def pad_inputs(inputs: StepInputs) -> StepInputs:
 
 @functools.cache
 def _program(tuned: bool) -> Callable[..., tuple[Any, Any]]:
-    """`run_steps` over one chunk, compiled once per process, so that equal sizes share it."""
+    """Return the jitted `run_steps` over one chunk, one per process, so that equal sizes share a program."""
     return jax.jit(
         functools.partial(run_steps, length=CHUNK),
         donate_argnums=(3,),

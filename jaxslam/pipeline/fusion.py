@@ -1,4 +1,4 @@
-"""Odometry fused with the IMU, in place of the odometry of the wheels."""
+"""Replace wheel odometry with odometry fused with the IMU."""
 
 import dataclasses
 
@@ -21,10 +21,19 @@ def fuse_tracks(
     imu: ImuTrack,
     stamps: Float64[np.ndarray, "Q"],
 ) -> tuple[FusedMotion, YawTrack]:
-    """The fused motion at so many stamps (seconds, not decreasing), and how the IMU was read.
+    """Fuse odometry and IMU.
+
+    Args:
+        settings: fusion settings.
+        odometry: wheel odometry, or None to use the IMU alone.
+        imu: IMU readings.
+        stamps: `[Q]` times of the fused poses, seconds, not decreasing.
+
+    Returns:
+        The fused motion at the stamps, and the yaw rates of the IMU with its vertical axis and bias.
 
     Raises:
-        LogError: the IMU tells nothing of turning.
+        LogError: the IMU has no angular velocities.
     """
     yaw = yaw_track(imu, odometry, None if settings.yaw_axis == "auto" else settings.yaw_axis)
     stream = merge(
@@ -43,26 +52,26 @@ def fuse_tracks(
 def with_fused_odometry(
     scans: PreparedScans, log: SensorLog, settings: FusionSettings | None = None
 ) -> PreparedScans:
-    """The same scans, with increments and covariances of wheels and IMU fused.
+    """Return the scans with odometry increments and covariances fused from wheels and IMU.
 
-    The covariances are for `GaussianMotion`; the other motion models have noise of their own.
+    Only `GaussianMotion` uses the covariances; the other motion models define their own noise.
 
     Args:
-        scans: from `pair_scans` of that log.
-        log: with odometry and an IMU.
-        settings: what is read, and how much it is trusted; None for the defaults.
+        scans: scans of the log, from `pair_scans`.
+        log: log with odometry and an IMU.
+        settings: fusion settings; None for the defaults.
 
     Returns:
-        The scans with the fused motion, `fused`, and how the IMU was read, `yaw`.
+        The scans, including the fused motion as `fused` and the yaw rates of the IMU as `yaw`.
 
     Raises:
-        LogError: the log has no IMU, or one that does not turn.
+        LogError: the log has no IMU, or its IMU has no angular velocities.
     """
     if log.imu is None:
-        raise LogError(f"{log.path}: no IMU in it, so there is nothing to fuse (see `jaxslam info`)")
+        raise LogError(f'{log.path}: no IMU in it, so there is nothing to fuse: set fusion.use to "off"')
     settings = settings or FusionSettings()
     fused, yaw = fuse_tracks(settings, log.odometry, log.imu, scans.stamps)
-    # A second time for the scans between: each question starts a new increment.
+    # Fuse again at the stamps of all scans, because each stamp starts a new increment.
     everywhere, _ = fuse_tracks(settings, log.odometry, log.imu, scans.all_stamps)
     odometry = eqx.tree_at(
         lambda o: (o.delta, o.covariance),

@@ -1,4 +1,4 @@
-"""From a log on the host to the stacked arrays a filter runs over."""
+"""Convert a log on the host to the stacked arrays that a filter runs over."""
 
 from dataclasses import dataclass
 
@@ -20,22 +20,22 @@ from jaxslam.preprocess.deskew import SweepTiming
 
 @dataclass(frozen=True)
 class PreparedScans:
-    """The scans of a log, thinned, corrected and paired with odometry: what a filter runs over.
+    """The scans of a log, thinned, corrected and paired with odometry: the input of a filter.
 
     Attributes:
-        inputs: leaves stacked over the `T` processed scans.
-        pose0: `[3]` odometry pose at the first scan.
-        stamps: `[T]` seconds, stamps of the processed scans.
+        inputs: inputs of the filter, leaves stacked over the `T` processed scans.
+        pose0: `[3]` odometry pose at the first processed scan (m, m, rad).
+        stamps: `[T]` stamps of the processed scans, seconds.
         scan_index: `[T]` indices of the processed scans in the log.
-        all_index: `[S]` indices of the scans that lie within the odometry.
-        all_stamps: `[S]` their stamps.
-        all_odometry: `[S, 3]` odometry pose at each of them.
+        all_index: `[S]` indices in the log of all scans within the time span of the odometry.
+        all_stamps: `[S]` stamps of these scans, seconds.
+        all_odometry: `[S, 3]` odometry poses at these scans (m, m, rad).
         odometry_bounds: `[2, 2]` lower and upper corner of the odometry path, meters.
         num_scans: number of scans in the log.
-        config: the configuration that they were prepared for, complete; None if there was none.
-        timing: of the scans relative to the odometry; None if the log does not show it.
-        fused: odometry fused with the IMU at the processed scans; None if the wheels alone were used.
-        yaw: how the IMU was read for that.
+        config: complete configuration that the scans were prepared for, or None.
+        timing: timing of the scans relative to the odometry; None if it cannot be estimated from the log.
+        fused: motion fused from odometry and IMU at the processed scans; None if odometry alone was used.
+        yaw: yaw rates of the IMU used for `fused`, or None.
     """
 
     inputs: StepInputs
@@ -65,20 +65,20 @@ class PreparedScans:
 def pair_scans(
     log: SensorLog, thinning: Thinning, range_limits: tuple[float, float] = (0.0, float("inf"))
 ) -> PreparedScans:
-    """Thin the scans by motion and pair each with the odometry since the one before.
+    """Thin the scans by motion, and pair each with the odometry since the previous processed scan.
 
     Args:
-        log: needs scans and odometry.
-        thinning: which scans are processed.
-        range_limits: shortest and longest range that counts as a return, meters.
+        log: log with scans and odometry.
+        thinning: rule for which scans are processed.
+        range_limits: lower (inclusive) and upper (exclusive) limit of ranges that count as a return, meters.
 
     Raises:
         LogError: the log has no scans or no odometry, or the two do not overlap in time.
     """
     if log.scans is None or len(log.scans.stamps) == 0:
-        raise LogError(f"{log.path}: no laser scans in it, so there is nothing to map (see `jaxslam info`)")
+        raise LogError(f"{log.path}: the log has no laser scans: give a log with scans (see `jaxslam info`)")
     if log.odometry is None or len(log.odometry.stamps) == 0:
-        raise LogError(f"{log.path}: no odometry in it: the filter needs wheel odometry (see `jaxslam info`)")
+        raise LogError(f"{log.path}: no odometry in it: give a log with wheel odometry (see `jaxslam info`)")
     scans, odometry = log.scans, log.odometry
     tolerance = 0.5
     within = (scans.stamps >= odometry.stamps[0] - tolerance) & (
@@ -87,7 +87,7 @@ def pair_scans(
     if not within.any():
         raise LogError(
             f"{log.path}: scans (from {scans.stamps[0]:.3f} s) and odometry (from "
-            f"{odometry.stamps[0]:.3f} s) do not overlap in time: their clocks differ"
+            f"{odometry.stamps[0]:.3f} s) do not overlap in time: check the clocks that stamped them"
         )
     candidates = np.flatnonzero(within)
     poses = interpolate_poses(odometry.stamps, odometry.poses, scans.stamps[candidates])

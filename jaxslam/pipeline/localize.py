@@ -1,9 +1,9 @@
-"""Localizing a log in a map, and what that leaves."""
+"""Localize the robot of a log on a known map."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
@@ -21,21 +21,21 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _MOVED, _TURNED = 1.0, np.pi / 6
-"""An estimate that jumps so far, meters or radians, past what the odometry says has settled elsewhere."""
+"""Jump of the estimate relative to the odometry that counts as a move elsewhere, meters and radians."""
 
 _CLOUD_EVERY = 3
-"""Scans between two clouds: particles move faster than a map grows."""
+"""Scans between two clouds of an animation; it is short because particles move fast."""
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """The particles during a localization, for those who watch.
+    """The particles during a localization.
 
     Attributes:
-        estimates: `[t, 3]` so far.
-        particles: `[n, 3]` those that live now.
-        weights: `[n]` of them.
-        stamp: seconds, of the last scan.
+        estimates: `[t, 3]` estimated poses so far (m, m, rad, world frame).
+        particles: `[n, 3]` current poses of the active particles.
+        weights: `[n]` weights of these particles.
+        stamp: stamp of the last processed scan, seconds.
     """
 
     estimates: Float64[np.ndarray, "t 3"]
@@ -49,22 +49,22 @@ class Cloud:
 
 @dataclass(frozen=True)
 class LocalizationResult:
-    """What a localization leaves behind.
+    """The result of a localization. A notebook shows it as a picture and a table.
 
     Attributes:
-        scans: the scans that were used, and their configuration.
+        scans: the processed scans and their configuration.
         map: the known map.
-        scored_beams: beams of a scan that the sensor model scores, at most.
-        estimates: `[T, 3]` the heaviest cluster at them (m, m, rad, world frame).
-        covariances: `[T, 3, 3]` its covariance (m², m·rad, rad²).
-        all_poses: `[S, 3]` pose at every scan: the last processed one's, carried on by odometry. No later
-            scan is looked at: it is what a robot would have known there and then.
-        particles: `[n, 3]` those that live at the end.
-        weights: `[n]` of them, normalized.
-        infos: what every step left behind, NumPy arrays `[T, ...]`.
-        odometry: `[T, 3]` odometry pose at the processed scans.
-        compile_s: seconds spent compiling; next to none if a run of the same sizes has been before.
-        run_s: seconds spent running, compilation apart.
+        scored_beams: largest number of beams of a scan that the sensor model scores.
+        estimates: `[T, 3]` mean of the heaviest cluster at the processed scans (m, m, rad, world frame).
+        covariances: `[T, 3, 3]` covariance of that cluster (m², m·rad, rad²).
+        all_poses: `[S, 3]` pose at every scan: the estimate at the last processed scan, extended by odometry.
+            It uses no later scan, so a robot could have computed it at that time.
+        particles: `[n, 3]` final poses of the active particles.
+        weights: `[n]` final weights of these particles, normalized.
+        infos: diagnostics of every step, NumPy arrays `[T, ...]`.
+        odometry: `[T, 3]` odometry poses at the processed scans.
+        compile_s: seconds spent compiling; close to 0 after an earlier run of the same sizes.
+        run_s: seconds spent running, without compilation.
     """
 
     scans: PreparedScans
@@ -101,16 +101,23 @@ class LocalizationResult:
 
         return localization_png(self)
 
-    def plot(self, ax: "Axes | None" = None) -> "Axes":
-        """Draw the map, the path where the particles agreed, and the last particles; needs matplotlib."""
+    def plot(self, ax: "Axes | None" = None, *, truth: Any = None) -> "Axes":
+        """Draw the map, the path where the particles agreed, and the final particles; needs matplotlib.
+
+        Args:
+            ax: axes to draw on; None for pyplot's current ones.
+            truth: true or reference trajectory in the map frame, drawn dashed. It has `stamps` `[M]` and
+                `poses` `[M, 3]`, as returned by `jaxslam.sim.drive` and `jaxslam.io.read_tum`. Its `walls`
+                are drawn too if it has any.
+        """
         from jaxslam.viz.localization import plot_localization
 
-        return plot_localization(self, ax)
+        return plot_localization(self, ax, truth=truth)
 
     def save(self, folder: Path | str) -> Path:
         """Write trajectory, pictures, metrics and configuration into a folder; needs the extra `cli`.
 
-        The folder is made if it does not exist. Files in it are overwritten.
+        The folder is created if needed. Existing files in it are overwritten.
 
         Returns:
             The path of `cloud.png`.
@@ -121,71 +128,73 @@ class LocalizationResult:
 
     @property
     def stamps(self) -> Float64[np.ndarray, "T"]:
-        """Seconds, processed scans."""
+        """Stamps of the processed scans, seconds."""
         return self.scans.stamps
 
     @property
     def all_stamps(self) -> Float64[np.ndarray, "S"]:
-        """Seconds, every scan."""
+        """Stamps of all scans, seconds."""
         return self.scans.all_stamps
 
     @property
     def agreed(self) -> Bool[np.ndarray, "T"]:
-        """Where the particles agree and the scan lies on the map."""
+        """Steps at which the particles agree and the scan fits the map."""
         return np.asarray(self.infos.converged & ~self.infos.lost)
 
     @property
     def converged(self) -> bool:
-        """Whether they do at the end: in most of the last ten steps."""
+        """Whether the particles agree in most of the last ten steps."""
         return bool(np.mean(self.agreed[-10:]) > 0.5)
 
     @property
     def converged_after_s(self) -> float:
-        """Seconds from the first scan to the first agreement; NaN if there was none."""
+        """Seconds from the first scan to the first agreement; NaN if the particles never agreed."""
         return float(self.stamps[np.argmax(self.agreed)] - self.stamps[0]) if self.agreed.any() else np.nan
 
     @property
     def kidnapped_events(self) -> int:
-        """How often the particles agreed, and next agreed on a place that the odometry does not lead to.
+        """Number of agreements at a place that the odometry does not lead to from the agreement before.
 
-        The robot was carried off in between, or one of the two places was wrong.
+        Either the robot was carried to another place, or one of the two estimates is wrong.
         """
-        return len(settled_elsewhere(self.estimates[self.agreed], self.odometry[self.agreed]))
+        return len(find_jumps(self.estimates[self.agreed], self.odometry[self.agreed]))
 
     @property
     def ms_per_scan(self) -> float:
-        """`run_s` per processed scan, milliseconds."""
+        """Run time per processed scan, milliseconds."""
         return 1e3 * self.run_s / len(self.stamps)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One line each."""
+        """Warnings, one line each."""
         flags = np.asarray(self.infos.flags)
         few = int(np.count_nonzero(flags & Flag.FEW_VALID_BEAMS.value))
         broken = int(np.count_nonzero(flags & Flag.NONFINITE_POSE.value))
         lines = []
         if few:
-            lines.append(f"{few} of {len(flags)} scans had too few returns: odometry alone moved")
+            lines.append(
+                f"{few} of {len(flags)} scans had too few returns: odometry alone moved the particles"
+            )
         if broken:
-            lines.append(f"in {broken} of {len(flags)} steps the odometry was not a number and moved nothing")
+            lines.append(f"in {broken} of {len(flags)} steps the odometry was not finite and was ignored")
         if self.kidnapped_events:
             lines.append(
-                f"the particles settled elsewhere {self.kidnapped_events} times: either the robot was "
-                "carried off, or one of the places was wrong, as in a map that looks alike in many places"
+                f"the estimate jumped to another place {self.kidnapped_events} times: either the robot was "
+                "carried there, or an estimate was wrong, as on a map with many similar places"
             )
         if not self.converged:
-            lines.append("the particles do not agree at the end: the trajectory is not to be trusted")
+            lines.append("the particles do not agree at the end: do not trust the trajectory")
         return tuple(lines)
 
 
-def settled_elsewhere(
+def find_jumps(
     estimates: Float64[np.ndarray, "M 3"], odometry: Float64[np.ndarray, "M 3"]
 ) -> Int[np.ndarray, "_"]:
-    """Which estimates (index into them) lie far from where odometry carries the one before.
+    """Return the indices of estimates that lie far from the previous estimate moved by the odometry.
 
     Args:
         estimates: `[M, 3]` (m, m, rad, world frame).
-        odometry: `[M, 3]` at the same times, in its own frame.
+        odometry: `[M, 3]` odometry poses at the same times, in the odometry frame.
     """
     if len(estimates) < 2:
         return np.zeros(0, int)
@@ -214,12 +223,12 @@ def localize_log(
         start: start pose (m, m, rad, world frame); None searches the whole map.
         deviations: standard deviations of the start's x and y, meters, and of its heading, radians.
         progress: show a progress bar on stderr (needs tqdm).
-        on_chunk: called with the particles every few scans.
+        on_chunk: called with the particles every three scans.
 
     Raises:
-        ValueError: the start is not on the map, or not in its free space.
+        ValueError: the start lies outside the map or outside its free space.
     """
-    # This index is not one of the steps, which count from 0.
+    # The steps count from 0 and never reach this index.
     key_start = jax.random.fold_in(key, 2**32 - 1)
     if start is None:
         state = jax.jit(AMCL.init_global)(amcl, key_start)

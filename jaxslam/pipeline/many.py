@@ -1,4 +1,4 @@
-"""A filter run many times at once: over keys and over values of its settings, in one compilation."""
+"""Run a filter over many keys and many values of its settings, in one compilation."""
 
 import dataclasses
 import functools
@@ -27,27 +27,29 @@ from jaxslam.xla.resources import memory_of, physical_memory
 _BYTES_PER_WINDOW_CELL = 5
 """Working memory of a step, per particle and cell of its window."""
 _BYTES_PER_INFO = 24
-"""What a step leaves behind, per particle."""
+"""Size of the diagnostics of a step, per particle."""
 _COPIES = 3
-"""Of the maps where runs are vmapped: as they were, with the scan, and resampled."""
+"""Copies of the maps in vmapped runs: before the scan, after the scan, and resampled."""
 VMAPPED = 16
-"""Runs that are vmapped on a device that is no CPU, unless the caller says otherwise."""
+"""Default number of vmapped runs on a device other than a CPU."""
 
 
 @dataclass(frozen=True)
 class ManyResult:
-    """What `C × S` runs leave behind: `C` configurations, `S` keys. `T` is the longest input's length.
+    """The results of `C × S` runs: `C` configurations and `S` keys. A notebook shows them as a table.
+
+    `T` is the number of scans of the longest input.
 
     Attributes:
-        trajectories: `[C, S, T, 3]` poses of the best particle (m, m, rad); NaN after an input's end.
+        trajectories: `[C, S, T, 3]` poses of the best particle (m, m, rad); NaN after the end of an input.
         ess: `[C, S, T]` effective sample size before resampling.
-        resampled: `[C, S, T]` where it was resampled.
-        flags: `[C, S, T]` `jaxslam.core.flags.Flag` bits.
-        log_odds: `[C, S, H, W]` map of the best particle, fixed point; None where none was asked for.
-        compile_s: seconds spent compiling; next to none if runs of the same sizes have been before.
-        run_s: seconds spent running, compilation apart.
+        resampled: `[C, S, T]` steps at which the particles were resampled.
+        flags: `[C, S, T]` bits of `jaxslam.core.flags.Flag`.
+        log_odds: `[C, S, H, W]` map of the best particle, fixed point; None unless maps were requested.
+        compile_s: seconds spent compiling; close to 0 after earlier runs of the same sizes.
+        run_s: seconds spent running, without compilation.
         scans_per_s: processed scans of all runs per second of `run_s`.
-        ms_per_scan: milliseconds per scan of one run, with as many others beside it as were laid out.
+        ms_per_scan: milliseconds per scan of one run while the other runs of its call run in parallel.
     """
 
     trajectories: Float32[np.ndarray, "C S T 3"]
@@ -62,7 +64,7 @@ class ManyResult:
 
     @property
     def left_map(self) -> Bool[np.ndarray, "C S"]:
-        """Runs in which a particle reached the edge of its map: `run_log` would have broken them off."""
+        """Runs in which a particle reached the edge of its map; `run_log` would have raised an error."""
         return np.any(self.flags & Flag.OFF_MAP.value, axis=-1)
 
     def __repr__(self) -> str:
@@ -71,6 +73,11 @@ class ManyResult:
             f"ManyResult({count} configurations × {seeds} keys × {total} scans, "
             f"{self.scans_per_s:.0f} scans per second)"
         )
+
+    def _repr_html_(self) -> str:
+        from jaxslam.viz.notebook import many_html
+
+        return many_html(self)
 
 
 def run_many(
@@ -84,29 +91,30 @@ def run_many(
     devices: Sequence[jax.Device] | None = None,
     progress: bool = False,
 ) -> ManyResult:
-    """Runs a filter with every key and every configuration; all share one program.
+    """Run a filter with every key and every configuration; all runs share one program.
 
-    On a CPU one run after the other is the fastest way for one device (README, "Many runs", has the
-    figures): under `vmap` a branch takes both of its sides, and the maps are copied at every step.
-    What helps is another device: after `jax.config.update("jax_num_cpu_devices", 2)`, before JAX does
-    anything else, there are two on two cores, and the runs are spread over them.
+    On a single CPU device, sequential runs are fastest (see "Many runs" in the README): under `vmap`, both
+    sides of every branch are computed and the maps are copied at every step. To use several CPU cores, create
+    one device per core with `jax.config.update("jax_num_cpu_devices", 2)` before any other use of JAX. The
+    runs are then distributed over the devices.
 
     Args:
-        slam: the filter, its maps sized for the scans.
-        scans: what all runs process; or one for each key, as simulations of several seeds are.
-        keys: `[S]` PRNG keys; the same key gives the run of `run_log`, but for rounding.
-        configs: `C` values by dotted name, `{"sensor.sigma_hit": [0.05, 0.1]}`: all lists are of one
-            length, and the c-th configuration has the c-th of each. Or `C` filters, which differ from each
-            other in traced numbers only. None: `slam` alone.
-        maps: keep the best particle's map of every run.
-        together: how many runs are vmapped on a device. None: 1 on a CPU, 16 on others.
-        devices: to spread the runs over; None takes all of the default backend, of a CPU as many as there
-            is memory for.
+        slam: the filter, with maps sized for the scans.
+        scans: scans that all runs process, or one sequence of scans for each key, for example simulations
+            with different seeds.
+        keys: `[S]` PRNG keys; except for rounding, a key gives the same run as in `run_log`.
+        configs: `C` values for each dotted name, for example `{"sensor.sigma_hit": [0.05, 0.1]}`. All lists
+            have the same length; configuration c takes element c of each list. Alternatively `C` filters that
+            differ in traced numbers only. None runs `slam` alone.
+        maps: keep the map of the best particle of every run.
+        together: number of runs that are vmapped on a device; None for 1 on a CPU and 16 on other devices.
+        devices: devices to distribute the runs over; None takes all devices of the default backend, limited
+            on a CPU by the available memory.
         progress: show a progress bar on stderr (needs tqdm).
 
     Raises:
-        ValueError: a name that no setting has, or one of a size or a choice, on which the program depends;
-            lists of different length; a value out of range; no device; more memory than there is.
+        ValueError: a name is unknown or names a static setting (a size or a choice); the lists differ in
+            length; a value is out of range; no device is given; the runs would not fit into memory.
 
     Example:
         64 configurations and 10 keys are 640 runs: `trajectories` is `[64, 10, T, 3]`.
@@ -116,7 +124,9 @@ def run_many(
     if len(keys) == 0 or len(inputs) not in (1, len(keys)):
         raise ValueError(f"{len(keys)} keys and {len(inputs)} inputs: give one input, or one for each key")
     if slam.mesh is not None:
-        raise ValueError("the particles are spread over devices already: give run_many a filter on one")
+        raise ValueError(
+            "the particles are already sharded over devices: give run_many a filter on a single device"
+        )
     used = tuple(jax.devices() if devices is None else devices)
     if not used or (together is not None and together < 1):
         raise ValueError(f"{len(used)} devices, {together} runs together: give one or more of each")
@@ -125,12 +135,12 @@ def run_many(
     room = over.inputs.scan.ranges.shape[1]
     kept_maps = len(filters) * len(keys) if maps else 0
     if devices is None:
-        used = _that_fit(slam, room, together, used, kept_maps)
+        used = _fitting_devices(slam, room, together, used, kept_maps)
     _check_memory(slam, room, together, used, kept_maps)
 
     program = _program(used, together, room, maps)
-    # In NumPy: to pick the rows of a call from JAX's arrays takes longer than a short run. And Python's
-    # floats would be weakly typed, and compile a second program.
+    # NumPy, because indexing JAX arrays for each call takes longer than a short run, and because Python
+    # floats would be weakly typed and compile a second program.
     stacked = jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *filters)
     key_data, kind = np.asarray(jax.random.key_data(keys)), jax.random.key_impl(keys)
 
@@ -146,10 +156,10 @@ def run_many(
         )
         return jax.tree.map(np.asarray, outcome)
 
-    # However many runs there are, a call takes as many: another number compiles nothing.
+    # Every call has the same number of runs, so that another total number of runs does not recompile.
     calls = _calls(len(filters), len(keys), len(used) * together)
     started = time.perf_counter()
-    # No step at all: what takes time is compiling, unless runs of the same sizes have been before.
+    # A call with 0 steps only compiles, unless the program was compiled before.
     call(calls[0], dataclasses.replace(over, lengths=jnp.zeros_like(over.lengths)))
     compile_s = time.perf_counter() - started
     started = time.perf_counter()
@@ -159,7 +169,7 @@ def run_many(
 
 
 def _calls(num_configs: int, num_keys: int, per_call: int) -> Int[np.ndarray, "n R 2"]:
-    """Configuration and key of every run, so many to a call; the last one's free places repeat the first."""
+    """Distribute all runs (configuration, key) over calls; the first runs fill up the last call."""
     table = np.stack(np.meshgrid(np.arange(num_configs), np.arange(num_keys), indexing="ij"), axis=-1)
     num_calls = -(-num_configs * num_keys // per_call)
     return np.resize(table.reshape(-1, 2), (num_calls, per_call, 2))
@@ -172,7 +182,7 @@ def _result(
     compile_s: float,
     run_s: float,
 ) -> ManyResult:
-    """What the calls left behind, by configuration and key, cut to the longest input."""
+    """Arrange the outcomes of the calls by configuration and key, cut to the longest input."""
     num_keys, longest = len(lengths), int(lengths.max())
     outcome = jax.tree.map(lambda *parts: np.concatenate(parts)[: num_configs * num_keys], *outcomes)
     outcome = jax.tree.map(lambda rows: rows.reshape(num_configs, num_keys, *rows.shape[1:]), outcome)
@@ -191,7 +201,7 @@ def _result(
 
 
 class _Runs(eqx.Module):
-    """Runs, stacked: the filter, the key, and which of the inputs."""
+    """Stacked runs: the filter, the key, and the index of the input."""
 
     slam: RBPF
     key: Key[Array, "*R"]
@@ -199,7 +209,7 @@ class _Runs(eqx.Module):
 
 
 class _Inputs(eqx.Module):
-    """All inputs, stacked, lengthened to one length; `lengths` says how long each is."""
+    """All inputs, stacked and padded to one length, and their true `lengths`."""
 
     inputs: StepInputs
     pose0: Float[Array, "I 3"]
@@ -207,7 +217,7 @@ class _Inputs(eqx.Module):
 
 
 class _Outcome(eqx.Module):
-    """What is kept of a run, as in `ManyResult`."""
+    """The kept part of a run, as in `ManyResult`."""
 
     path: Float[Array, "*R T 3"]
     ess: Float[Array, "*R T"]
@@ -220,7 +230,7 @@ class _Outcome(eqx.Module):
 def _program(
     devices: tuple[jax.Device, ...], together: int, room: int, maps: bool
 ) -> Callable[[_Runs, _Inputs], _Outcome]:
-    """All runs of a call, spread over the devices, on each one after the other or vmapped."""
+    """Compile the runs of a call: distributed over devices, and sequential or vmapped on each device."""
 
     def one(run: _Runs, over: _Inputs) -> _Outcome:
         inputs, pose0, count = jax.tree.map(
@@ -229,14 +239,14 @@ def _program(
         state = run.slam.init(run.key, pose0)
         state, infos = run_steps(run.slam, inputs, run.key, state, count=count, length=room)
         best = jnp.argmax(state.log_weights)
-        # Behind the end every particle is its own ancestor.
+        # After the end of an input, every particle is its own ancestor.
         slots = jnp.arange(run.slam.num_particles, dtype=jnp.int32)
         ancestors = jnp.where((jnp.arange(room) < count)[:, None], infos.ancestors, slots[None])
         path = trajectory(eqx.tree_at(lambda i: i.ancestors, infos, ancestors), best)
         return _Outcome(path, infos.ess, infos.resampled, infos.flags, state.maps[best] if maps else None)
 
     def local(runs: _Runs, over: _Inputs) -> _Outcome:
-        # A batch of one is no batch: `vmap` would turn its branches into selects.
+        # Do not vmap a batch of one, because `vmap` would turn its branches into selects.
         batch_size = together if together > 1 else None
         return jax.lax.map(lambda run: one(run, over), runs, batch_size=batch_size)
 
@@ -252,7 +262,7 @@ def _program(
 
 
 def _filters(slam: RBPF, configs: Mapping[str, Any] | Sequence[RBPF] | None) -> list[RBPF]:
-    """One filter for each configuration; all of one structure."""
+    """Return one filter for each configuration; all have the same structure."""
     if configs is None:
         return [slam]
     if isinstance(configs, Mapping):
@@ -260,22 +270,24 @@ def _filters(slam: RBPF, configs: Mapping[str, Any] | Sequence[RBPF] | None) -> 
         sizes = {name: len(given) for name, given in values.items()}
         if len(set(sizes.values())) > 1:
             raise ValueError(
-                f"configurations of different number: {sizes}: give every setting one value for each"
+                f"the settings have different numbers of values, {sizes}: give each the same number"
             )
         rows = [dict(zip(values, row, strict=True)) for row in zip(*values.values(), strict=True)]
         filters = [update(slam, row) for row in (rows if values else [{}])]
     else:
         filters = list(configs)
     if not filters:
-        raise ValueError("no configuration was given: give None for the filter as it is")
+        raise ValueError("configs is empty: give None to run the filter as it is")
     for index, other in enumerate(filters):
         if _structure(other) != _structure(slam):
-            raise ValueError(f"configuration {index} needs a program of its own: {_difference(slam, other)}")
+            raise ValueError(
+                f"configuration {index} does not share the program of the filter: {_difference(slam, other)}"
+            )
     return filters
 
 
 def _difference(one: RBPF, other: RBPF) -> str:
-    """Which settings make two filters two programs."""
+    """Describe the settings that prevent two filters from sharing a program."""
     before, after = flatten(one), flatten(other)
     changed = {name: after[name] for name in before if name in after and after[name] != before[name]}
     static = [
@@ -283,16 +295,17 @@ def _difference(one: RBPF, other: RBPF) -> str:
         for name, value in changed.items()
         if _structure(update(one, {name: value}, exact=True)) != _structure(one)
     ]
-    return f"{', '.join(static) or 'a part of it'} is a size or a choice: call run_many once for each value"
+    names = ", ".join(static) or "a part of the filter"
+    return f"{names} is a size or a choice: call run_many once for each value"
 
 
 def _structure(slam: RBPF) -> Any:
-    """All but the traced numbers: what decides the program."""
+    """Return everything that determines the program: all but the traced numbers."""
     return jax.tree.structure(slam)
 
 
 def _inputs(inputs: Sequence[PreparedScans]) -> _Inputs:
-    """The inputs behind each other, all as long as the longest."""
+    """Stack the inputs, padded to the length of the longest."""
     shapes = {each.inputs.scan.ranges.shape[1] for each in inputs}
     if len(shapes) > 1:
         raise ValueError(
@@ -314,18 +327,18 @@ def _inputs(inputs: Sequence[PreparedScans]) -> _Inputs:
 
 
 def bytes_needed(slam: RBPF, num_steps: int, *, together: int, num_devices: int, kept_maps: int) -> float:
-    """An estimate of the memory that `run_many` takes beyond what the process has already.
+    """Estimate the memory that `run_many` allocates, bytes.
 
     Args:
         slam: the filter.
-        num_steps: of the longest input, lengthened to a power of two.
-        together: runs that are vmapped on a device.
-        num_devices: which share one memory, as those of a CPU do.
-        kept_maps: maps that are kept for the result.
+        num_steps: number of steps of the longest input, padded to a power of two.
+        together: number of runs that are vmapped on a device.
+        num_devices: number of devices that share one memory, as CPU devices do.
+        kept_maps: number of maps that are kept for the result.
 
     Example:
-        30 maps of 1200 × 1000 cells and a window of 336² cells: 36 + 17 MB for a run alone, and
-        3 · 36 + 17 MB for each of several that are vmapped.
+        30 maps of 1200 × 1000 cells and a window of 336² cells: 36 + 17 MB for a single run, and
+        3 · 36 + 17 MB for each of several vmapped runs.
     """
     cells = slam.grid.height * slam.grid.width
     window = window_rows(slam.window_size, slam.radius) * slam.window_size
@@ -334,10 +347,10 @@ def bytes_needed(slam: RBPF, num_steps: int, *, together: int, num_devices: int,
     return float(num_devices * together * slam.num_particles * particle + kept_maps * cells)
 
 
-def _that_fit(
+def _fitting_devices(
     slam: RBPF, num_steps: int, together: int, devices: tuple[jax.Device, ...], kept_maps: int
 ) -> tuple[jax.Device, ...]:
-    """So many of the devices as their memory is enough for, at least one."""
+    """Return as many of the devices as fit into memory, at least one."""
     if devices[0].platform != "cpu":
         return devices
     alone, both = (
@@ -351,7 +364,7 @@ def _that_fit(
 def _check_memory(
     slam: RBPF, num_steps: int, together: int, devices: tuple[jax.Device, ...], kept_maps: int
 ) -> None:
-    # Those of a CPU share its memory, others have some of their own.
+    # CPU devices share the memory of the host; every other device has its own.
     own = devices[0].platform != "cpu"
     num_devices = 1 if own else len(devices)
     needed = bytes_needed(
@@ -361,9 +374,9 @@ def _check_memory(
     if needed > available:
         height, width = slam.grid.height, slam.grid.width
         raise ValueError(
-            f"{num_devices * together} runs at once of {slam.num_particles} maps of {height} × {width} "
-            f"cells, and {kept_maps} maps kept, need {needed / 1e9:.3g} GB of the {available / 1e9:.3g} GB "
-            "there are: lower `together` or the number of devices, keep no maps, or take fewer particles"
+            f"{num_devices * together} parallel runs of {slam.num_particles} maps of {height} × {width} "
+            f"cells and {kept_maps} kept maps need {needed / 1e9:.3g} GB, but only {available / 1e9:.3g} "
+            "GB are available: lower `together`, the number of devices or of particles, or keep no maps"
         )
 
 
@@ -372,4 +385,4 @@ def _with_progress(calls: Int[np.ndarray, "n R 2"], progress: bool) -> Iterable[
         return calls
     from tqdm import tqdm
 
-    return tqdm(calls, unit="call", desc=f"{calls.shape[1]} runs a call", dynamic_ncols=True)
+    return tqdm(calls, unit="call", desc=f"{calls.shape[1]} runs per call", dynamic_ncols=True)

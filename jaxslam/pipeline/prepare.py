@@ -1,4 +1,4 @@
-"""From a log and a configuration to a filter and the scans it runs over."""
+"""Prepare a filter and its scans from a log and a configuration."""
 
 from dataclasses import replace
 
@@ -21,14 +21,15 @@ from jaxslam.slam.rbpf import RBPF
 def prepare(
     log: SensorLog, config: SlamConfig | None = None, *, range_network: RangeNetwork | None = None
 ) -> tuple[RBPF, PreparedScans]:
-    """Correct and thin the scans of a log, fuse odometry and IMU if asked to, and size the filter's maps.
+    """Correct and thin the scans of a log, fuse odometry and IMU if configured, and build the filter.
 
-    Where odometry is fused, `GaussianMotion` moves the particles by the fused covariance.
+    If odometry is fused, `GaussianMotion` moves the particles with the fused covariance.
 
     Args:
         log: from `read_log` or the simulator.
-        config: None for the defaults. Without `config.lidar`, the preset is chosen by the log's scans.
-        range_network: corrects the ranges of every scan; it becomes a part of the filter.
+        config: configuration; None for the defaults. If `config.lidar` is None, the lidar preset is detected
+            from the scans.
+        range_network: network that corrects the ranges of every scan; it becomes part of the filter.
 
     Returns:
         The filter and the scans, for `run_log` and `run_many`.
@@ -43,7 +44,7 @@ def prepare(
     motion = config.motion
     if _is_fused(log, config.fusion.use):
         scans = with_fused_odometry(scans, log, config.fusion)
-        # The other models describe the noise of wheels; only this one uses the fused covariance.
+        # Only GaussianMotion uses the fused covariance; the other models describe the noise of wheels.
         motion = motion if isinstance(motion, GaussianMotion) else GaussianMotion()
     slam = build_slam(replace(config, motion=motion), scans.odometry_bounds, range_network)
     return slam, replace(scans, config=config)
@@ -56,13 +57,14 @@ def prepare_localization(
     *,
     range_network: RangeNetwork | None = None,
 ) -> tuple[AMCL, PreparedScans]:
-    """Correct and thin the scans of a log, and build the localizer on a map.
+    """Correct and thin the scans of a log, and build the localization filter on a map.
 
     Args:
         log: from `read_log` or the simulator.
-        map: from `jaxslam.io.read_map`.
-        config: None for the defaults. Without `config.lidar`, the preset is chosen by the log's scans.
-        range_network: corrects the ranges of every scan; it becomes a part of the filter.
+        map: known map, from `jaxslam.io.read_map` or `RunResult.occupancy`.
+        config: configuration; None for the defaults. If `config.lidar` is None, the lidar preset is detected
+            from the scans.
+        range_network: network that corrects the ranges of every scan; it becomes part of the filter.
 
     Returns:
         The filter and the scans, for `localize_log`.
@@ -78,7 +80,7 @@ def prepare_localization(
 
 
 def _corrected(log: SensorLog, config):
-    """The configuration with its lidar, the log with its scans corrected, and what they were corrected by."""
+    """Return the configuration with its lidar, the log with corrected scans, and the timing of the scans."""
     if config.lidar is None:
         config = config.with_lidar(detect_lidar(log))
     corrected, timing = correct_scans(log, config.lidar)

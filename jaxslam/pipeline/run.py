@@ -1,4 +1,4 @@
-"""Running a filter over a log, and what it leaves; flags turned into errors and warnings."""
+"""Run a filter over a log, and turn its flags into errors and warnings."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,9 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int, Int8, PRNGKeyArray
 
+from jaxslam.config.slam import SlamConfig
 from jaxslam.core.flags import Flag
 from jaxslam.core.trajectory import interpolate_along_odometry
+from jaxslam.grid.box import known_box
+from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT
 from jaxslam.grid.spec import GridSpec
+from jaxslam.io.map_server import FREE_THRESHOLD, OCCUPIED_THRESHOLD, OccupancyMap
 from jaxslam.pipeline.chunks import run_in_chunks
 from jaxslam.pipeline.inputs import PreparedScans
 from jaxslam.slam.rbpf import RBPF, RBPFState, StepInfo
@@ -20,8 +24,11 @@ from jaxslam.slam.rbpf import RBPF, RBPFState, StepInfo
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+_MAP_MARGIN = 0.5
+"""Unknown space kept around the known part of a map, meters."""
+
 _WARNINGS = {
-    Flag.OFF_MAP: "a particle reached the edge of the map, and nothing beyond it was mapped",
+    Flag.OFF_MAP: "a particle reached the edge of the map, and space beyond the edge was not mapped",
     Flag.NONFINITE_WEIGHT: "particles with a NaN or infinite weight were dropped",
     Flag.NONFINITE_POSE: "particles with a NaN or infinite pose were moved by odometry instead",
     Flag.FEW_VALID_BEAMS: "scans had too few returns, so odometry alone moved the particles",
@@ -30,17 +37,17 @@ _WARNINGS = {
 
 
 class SlamError(ValueError):
-    """A run that cannot go on. The message is one line: what is wrong, when, what to do."""
+    """An error that ends a run. The message is one line: what is wrong, when, and what to change."""
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """The best particle during a run, for those who watch.
+    """The best particle during a run.
 
     Attributes:
-        log_odds: `[H, W]` its map so far.
-        trajectory: `[t, 3]` its poses so far.
-        particles: `[N, 3]` all particles now.
+        log_odds: `[H, W]` map of the best particle so far, fixed point.
+        trajectory: `[t, 3]` poses of the best particle so far (m, m, rad).
+        particles: `[N, 3]` current poses of all particles.
     """
 
     log_odds: Int8[np.ndarray, "H W"]
@@ -53,19 +60,19 @@ class Snapshot:
 
 @dataclass(frozen=True)
 class RunResult:
-    """The result of a run; it draws itself in a notebook.
+    """The result of a run. A notebook shows it as a picture and a table.
 
     Attributes:
-        scans: the scans that were mapped, and their configuration.
+        scans: the processed scans and their configuration.
         trajectory: `[T, 3]` poses of the best particle at the processed scans (m, m, rad).
-        all_poses: `[S, 3]` pose at every scan; odometry connects the processed ones.
+        all_poses: `[S, 3]` pose at every scan; odometry interpolates between processed scans.
         log_odds: `[H, W]` map of the best particle, fixed point.
-        grid: where that map lies.
-        particles: `[N, 3]` final poses.
-        log_weights: `[N]` final, normalized.
-        infos: the record of every step, NumPy arrays `[T, ...]`: particles, weights, effective sample size,
+        grid: position and cell size of the map.
+        particles: `[N, 3]` final poses of all particles.
+        log_weights: `[N]` final log-weights, normalized.
+        infos: diagnostics of every step, NumPy arrays `[T, ...]`: particles, weights, effective sample size,
             resamplings, flags.
-        compile_s: seconds spent compiling; almost none after an earlier run of the same sizes.
+        compile_s: seconds spent compiling; close to 0 after an earlier run of the same sizes.
         run_s: seconds spent running, without compilation.
     """
 
@@ -106,9 +113,9 @@ class RunResult:
 
         Args:
             ax: axes to draw on; None for pyplot's current ones.
-            truth: the true or reference trajectory, drawn dashed: anything with `stamps` `[M]` and `poses`
-                `[M, 3]`, as `jaxslam.sim.drive` and `jaxslam.io.read_tum` return; its `walls`, if it has
-                any, are drawn too.
+            truth: true or reference trajectory, drawn dashed. It has `stamps` `[M]` and `poses` `[M, 3]`, as
+                returned by `jaxslam.sim.drive` and `jaxslam.io.read_tum`. Its `walls` are drawn too if it has
+                any.
         """
         from jaxslam.viz.results import plot_run
 
@@ -117,7 +124,7 @@ class RunResult:
     def save(self, folder: Path | str) -> Path:
         """Write map, trajectory, figures, metrics and configuration into a folder; needs the extra `cli`.
 
-        The folder is made if it does not exist. Files in it are overwritten.
+        The folder is created if needed. Existing files in it are overwritten.
 
         Returns:
             The path of `map.png`.
@@ -126,24 +133,44 @@ class RunResult:
 
         return save_run(self, Path(folder))
 
+    def occupancy(self) -> OccupancyMap:
+        """Return the map for `prepare_localization`, cropped to its known part plus 0.5 m.
+
+        A cell is occupied above a probability of 0.65 and free below 0.25, as in the map files that `save`
+        writes. All other cells are unknown.
+        """
+        config = self.scans.config
+        # float32 stores 0.05 as 0.0500000007: take the configured number.
+        exact = isinstance(config, SlamConfig)
+        resolution = float(config.map.resolution if exact else self.grid.resolution)  # type: ignore[union-attr]
+        box = known_box(self.log_odds, margin=round(_MAP_MARGIN / resolution))
+        corner = np.asarray(self.grid.origin, np.float64) + resolution * np.array([box.column, box.row])
+        probability = occupancy_probability(box.cut(self.log_odds))
+        return OccupancyMap(
+            occupied=probability > OCCUPIED_THRESHOLD,
+            free=probability < FREE_THRESHOLD,
+            resolution=resolution,
+            origin=np.array([*np.round(corner, 6), 0.0]),
+        )
+
     @property
     def stamps(self) -> Float64[np.ndarray, "T"]:
-        """Seconds, processed scans."""
+        """Stamps of the processed scans, seconds."""
         return self.scans.stamps
 
     @property
     def all_stamps(self) -> Float64[np.ndarray, "S"]:
-        """Seconds, every scan."""
+        """Stamps of all scans, seconds."""
         return self.scans.all_stamps
 
     @property
     def ms_per_scan(self) -> float:
-        """`run_s` per processed scan, milliseconds."""
+        """Run time per processed scan, milliseconds."""
         return 1e3 * self.run_s / len(self.stamps)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What went wrong in some of the steps, one line for each kind."""
+        """Warnings about flagged steps, one line for each kind of flag."""
         counts = {flag: int(np.count_nonzero(self.flags & flag.value)) for flag in _WARNINGS}
         return tuple(
             f"{count} of {len(self.flags)} steps: {_WARNINGS[flag]}"
@@ -153,17 +180,17 @@ class RunResult:
 
     @property
     def ess(self) -> Float32[np.ndarray, "T"]:
-        """Effective sample size before resampling."""
+        """Effective sample size of every step before resampling."""
         return np.asarray(self.infos.ess)
 
     @property
     def resampled(self) -> Bool[np.ndarray, "T"]:
-        """Where it was resampled."""
+        """Steps at which the particles were resampled."""
         return np.asarray(self.infos.resampled)
 
     @property
     def flags(self) -> Int[np.ndarray, "T"]:
-        """`jaxslam.core.flags.Flag` bits."""
+        """Bits of `jaxslam.core.flags.Flag` of every step."""
         return np.asarray(self.infos.flags)
 
 
@@ -184,8 +211,8 @@ def run_log(
         key: PRNG key; same key, same bytes.
         progress: show a progress bar on stderr (needs tqdm).
         on_chunk: called with the best particle every `jaxslam.pipeline.chunks.CHUNK` scans.
-        may_leave_map: continue at the edge of the map with a warning. Comparisons of methods need this: a
-            robot that is lost there counts as an error and does not end the run.
+        may_leave_map: continue with a warning if the robot reaches the edge of the map. Comparisons of
+            methods need this, so that a lost robot counts as an error of the trajectory.
 
     Raises:
         SlamError: the robot leaves the map.
@@ -221,10 +248,16 @@ def run_log(
     )
 
 
+def occupancy_probability(log_odds: Int8[np.ndarray, "H W"]) -> Float32[np.ndarray, "H W"]:
+    """Convert log-odds `[H, W]` in fixed point to probabilities; NaN where a cell was never observed."""
+    probability = 1 / (1 + np.exp(-LOG_ODDS_PER_UNIT * log_odds.astype(np.float32)))
+    return np.where(log_odds == 0, np.float32(np.nan), probability.astype(np.float32))
+
+
 def poses_at_every_scan(
     scans: PreparedScans, trajectory: Float64[np.ndarray, "T 3"]
 ) -> Float64[np.ndarray, "S 3"]:
-    """Poses at every scan of the log: odometry carries on between those that were processed."""
+    """Interpolate the poses at every scan of the log by odometry between the processed scans."""
     processed = np.searchsorted(scans.all_index, scans.scan_index)
     return interpolate_along_odometry(scans.all_odometry, processed, trajectory)
 
@@ -236,7 +269,7 @@ def _raise_for_flags(infos: list[StepInfo], scans: PreparedScans) -> None:
         stamp = scans.stamps[step]
         raise SlamError(
             f"the robot reached the edge of the map at scan {scans.scan_index[step]} "
-            f"(t = {stamp:.3f} s): enlarge it with --map-margin (meters around the odometry's path)"
+            f"(t = {stamp:.3f} s): raise map.margin (--map-margin, meters around the odometry path)"
         )
 
 
@@ -250,6 +283,7 @@ def _snapshot(state: RBPFState, infos: list[StepInfo]) -> Snapshot:
 
 
 def _read_back(infos: list[StepInfo], best: int) -> Float64[np.ndarray, "t 3"]:
+    """Trace the ancestors of the best particle back to the first step, and return its poses."""
     ancestors = np.concatenate([info.ancestors for info in infos])
     poses = np.concatenate([info.poses for info in infos])
     path, slot = np.empty((len(poses), 3)), best

@@ -1,4 +1,4 @@
-"""The run folder: maps, trajectory, figures and the configuration that made them."""
+"""The run folder: map, trajectory, figures, metrics and the configuration of a run."""
 
 import json
 import math
@@ -7,25 +7,20 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float32, Int8
 
 from jaxslam.config import toml
 from jaxslam.config.dotted import flatten
 from jaxslam.config.slam import SlamConfig
-from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT
 from jaxslam.io import write_map, write_tum
 from jaxslam.pipeline.run import RunResult
 from jaxslam.report.provenance import peak_rss_mb, versions
 from jaxslam.viz.picture import MapLayer, save_map_picture
-from jaxslam.viz.raster import known_box, map_levels
 
-_MAP_MARGIN = 0.5
-"""Unknown space kept around the map in its files, meters."""
 _LOG_SUFFIXES = (".gz", ".log", ".clf", ".carmen", ".bag", ".mcap", ".db3")
 
 
 def default_folder(log: Path, method: str, seed: int) -> Path:
-    """`runs/<log>-<method>-s<seed>`.
+    """Return the default run folder, `runs/<log>-<method>-s<seed>`.
 
     Example:
         `default_folder(Path("data/intel.clf.gz"), "gmapping", 0)` is `runs/intel-gmapping-s0`.
@@ -37,17 +32,18 @@ def default_folder(log: Path, method: str, seed: int) -> Path:
 
 
 def make_folder(folder: Path) -> None:
-    """Makes a run folder, or takes one that is there: its files will be overwritten one by one.
+    """Create a run folder if needed. The files of an existing folder will be overwritten one by one.
 
     Raises:
-        ValueError: it is a file, or nothing can be written into it.
-        OSError: it cannot be made.
+        ValueError: the path is a file, or the folder is not writable.
+        OSError: the folder cannot be created.
     """
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder}: is a file: give a folder with --out")
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        # Not by its mode alone: some file systems refuse what the mode allows. Before the work, not after it.
+        # Write a file instead of checking the mode, because some file systems refuse what the mode allows.
+        # The check runs before the work, so that no result is lost.
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
@@ -56,7 +52,7 @@ def make_folder(folder: Path) -> None:
 
 
 def save_run(result: RunResult, folder: Path) -> Path:
-    """Write a run into a folder, which is made if it does not exist; the body of `RunResult.save`.
+    """Write a run into a folder, created if needed; this is the body of `RunResult.save`.
 
     Returns:
         The path of the picture of the map.
@@ -77,11 +73,11 @@ def write_run(
     """Write every result of a run into an existing folder.
 
     Args:
-        folder: where to write.
-        result: of `run_log`.
-        origin: goes into `run.json`: command, seed, log, versions.
-        accuracy: goes into `metrics.json`: errors by metric.
-        truth: the known map and path in the same frame, drawn beside the estimate.
+        folder: existing folder.
+        result: result of `run_log`.
+        origin: command, seed, log and versions, for `run.json`.
+        accuracy: errors by metric, for `metrics.json`.
+        truth: true map and path in the same frame, drawn beside the estimate.
 
     Returns:
         The content of `metrics.json`.
@@ -90,7 +86,7 @@ def write_run(
         OSError: a file cannot be written.
     """
     metrics = {**_figures(result), **(accuracy or {})}
-    write_map_files(folder, result, truth)
+    _write_map_files(folder, result, truth)
     write_tum(folder / "trajectory.tum", result.all_stamps, result.all_poses)
     config = result.scans.config
     run: dict[str, object] = dict(origin)
@@ -105,39 +101,21 @@ def write_run(
 
 
 def write_json(path: Path, content: Mapping[str, object]) -> None:
-    """Writes strict JSON: a number that is not finite becomes null."""
+    """Write strict JSON; a number that is not finite becomes null."""
     text = json.dumps(_strict(content), indent=2, allow_nan=False, ensure_ascii=False)
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def occupancy_probability(log_odds: Int8[np.ndarray, "H W"]) -> Float32[np.ndarray, "H W"]:
-    """Probability `[H, W]` of log-odds in fixed point; NaN where nothing was seen."""
-    probability = 1 / (1 + np.exp(-LOG_ODDS_PER_UNIT * log_odds.astype(np.float32)))
-    return np.where(log_odds == 0, np.float32(np.nan), probability.astype(np.float32))
-
-
-def write_map_files(folder: Path, result: RunResult, truth: MapLayer | None = None) -> None:
-    """Write the map for map_server and nav2, cropped to what was seen, and its picture.
-
-    Args:
-        folder: where to write `map.yaml`, `map.pgm` and `map.png`.
-        result: of `run_log`.
-        truth: the known map and path, drawn beside the estimate.
-    """
-    # float32 stores 0.05 as 0.0500000007; the files say what was asked for.
-    config = result.scans.config
-    exact = isinstance(config, SlamConfig)
-    resolution = float(config.map.resolution if exact else result.grid.resolution)  # type: ignore[union-attr]
-    box = known_box(map_levels(result.log_odds), margin=round(_MAP_MARGIN / resolution))
-    corner = np.asarray(result.grid.origin, np.float64) + resolution * np.array([box.column, box.row])
-    x, y = (round(float(value), 6) for value in corner)
-    log_odds = box.cut(result.log_odds)
-    write_map(folder / "map.yaml", occupancy_probability(log_odds), resolution, (x, y, 0.0))
+def _write_map_files(folder: Path, result: RunResult, truth: MapLayer | None) -> None:
+    """Write `map.yaml` and `map.pgm` for map_server and nav2, and `map.png`, the picture."""
+    map = result.occupancy()
+    x, y, theta = map.origin.tolist()
+    write_map(folder / "map.yaml", map.probability, map.resolution, (x, y, theta))
     save_map_picture(
         folder / "map.png",
-        log_odds,
-        resolution,
-        np.array([x, y]),
+        result.log_odds,
+        map.resolution,
+        np.asarray(result.grid.origin, np.float64),
         poses=result.all_poses,
         particles=result.particles,
         weights=np.exp(result.log_weights.astype(np.float64)),

@@ -1,4 +1,4 @@
-"""The run folder of a localization: trajectory, figures, the particles on the map."""
+"""The run folder of a localization: trajectory, pictures, metrics and configuration."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,7 +20,7 @@ from jaxslam.viz.localization import plot_localization, save_localization_curves
 
 
 def save_localization(result: LocalizationResult, folder: Path) -> Path:
-    """Write a localization into a folder, which is made if it does not exist.
+    """Write a localization into a folder, created if needed; this is the body of `LocalizationResult.save`.
 
     Returns:
         The path of the picture.
@@ -40,10 +40,10 @@ def write_localization(
     """Write every result of a localization into an existing folder.
 
     Args:
-        folder: where to write.
-        result: of `localize_log`.
-        origin: goes into `run.json`: command, seed, log, map, start, versions.
-        error: against a reference, or None.
+        folder: existing folder.
+        result: result of `localize_log`.
+        origin: command, seed, log, map, start and versions, for `run.json`.
+        error: trajectory error against a reference, or None.
 
     Returns:
         The content of `metrics.json`.
@@ -57,7 +57,7 @@ def write_localization(
     write_tum(folder / "trajectory.tum", result.all_stamps, result.all_poses)
     figure = Figure(figsize=(9.0, 8.0), layout="constrained")
     FigureCanvasAgg(figure)
-    plot_localization(result, figure.subplots())
+    plot_localization(result, figure.subplots(), legend=False)
     figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize="small")
     figure.savefig(folder / "cloud.png", dpi=150)
     save_localization_curves(folder / "particles.png", result)
@@ -77,7 +77,7 @@ def _figures(result: LocalizationResult) -> dict[str, object]:
     beams = min(result.scans.inputs.scan.num_beams, result.scored_beams)
     evaluated = float(np.sum(np.asarray(infos.num_particles, float))) * beams
     scores = np.asarray(infos.match_score, float)
-    # Before the particles agree there is no estimate whose fit could be measured.
+    # The score counts only while the particles agree, because otherwise there is no estimate.
     counted = scores[agreed & np.isfinite(scores)]
     return {
         "scans_in": len(result.all_stamps),

@@ -21,9 +21,8 @@ from jaxslam.metrics.summary import reference_error, relation_figures
 from jaxslam.pipeline.inputs import PreparedScans, pair_scans
 from jaxslam.pipeline.many import ManyResult, run_many
 from jaxslam.pipeline.prepare import prepare
-from jaxslam.pipeline.run import poses_at_every_scan
+from jaxslam.pipeline.run import occupancy_probability, poses_at_every_scan
 from jaxslam.preprocess.ranges import correct_scans
-from jaxslam.report.folder import occupancy_probability
 from jaxslam.sim import World, make_world, observable, simulate, to_log
 from jaxslam.slam.rbpf import RBPF
 from jaxslam.study.objectives import Figures

@@ -1,7 +1,7 @@
-"""Pictures: maps, paths, particles, error curves, animations; needs matplotlib and pillow."""
+"""Draw maps, paths, particles, curves and animations; needs matplotlib and pillow."""
 
 from jaxslam.viz.animation import InlineAnimation, MapFrame, animate_inline, animate_map
-from jaxslam.viz.curves import plot_errors, plot_ess, plot_live_particles
+from jaxslam.viz.curves import plot_errors, plot_ess, plot_num_particles
 from jaxslam.viz.maps import (
     MapImage,
     plot_covariance,
@@ -26,8 +26,8 @@ __all__ = [
     "plot_covariance",
     "plot_errors",
     "plot_ess",
-    "plot_live_particles",
     "plot_map",
+    "plot_num_particles",
     "plot_particles",
     "plot_run",
     "plot_scan",

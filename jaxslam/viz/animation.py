@@ -1,7 +1,7 @@
-"""An animated GIF of the map as it is built, in a file or in a notebook.
+"""Write an animated GIF of the growing map, to a file or for a notebook.
 
-Frames are drawn as palette images by pillow, not by matplotlib: a few milliseconds each instead of
-tenths of a second, and flat colors that GIF packs well.
+Pillow draws the frames as palette images. This takes a few milliseconds per frame, where matplotlib takes
+tenths of a second, and the flat colors compress well.
 """
 
 import base64
@@ -16,9 +16,10 @@ import numpy as np
 from jaxtyping import Array, Float, Shaped, UInt8
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
+from jaxslam.grid.box import Box, known_box
 from jaxslam.viz import style
 from jaxslam.viz.maps import checked_resolution
-from jaxslam.viz.raster import Box, gray_ramp, known_box, map_levels, shrink
+from jaxslam.viz.raster import gray_ramp, map_levels, shrink
 
 _NUM_GRAYS = 24
 _WHITE, _INK, _PATH, _PARTICLE = range(_NUM_GRAYS, _NUM_GRAYS + 4)
@@ -27,12 +28,12 @@ _FOOTER = 26  # pixels under the map for the scale bar and the caption
 
 @dataclass(frozen=True)
 class MapFrame:
-    """What one frame of the animation shows.
+    """One frame of an animation.
 
     Attributes:
-        occupancy: `[H, W]` probabilities, int8 log-odds or uint8 levels, see `map_levels`; the same
-            cells in every frame.
-        poses: `[M, 3]` trajectory so far (m, m, rad); the robot is drawn at the last one.
+        occupancy: `[H, W]` probabilities, int8 log-odds or uint8 levels, see `map_levels`. All frames have
+            the same cells.
+        poses: `[M, 3]` trajectory so far (m, m, rad). The robot is drawn at the last pose.
         particles: `[N, 3]` particle poses.
         caption: text under the map, such as the time.
     """
@@ -45,11 +46,11 @@ class MapFrame:
 
 @dataclass(frozen=True)
 class InlineAnimation:
-    """An animation that a notebook plays where it is the last value of a cell.
+    """An animation that a notebook plays if it is the last value of a cell.
 
     Attributes:
-        gif: the file's bytes.
-        num_frames: frames that it was made of.
+        gif: bytes of the GIF file.
+        num_frames: number of frames.
     """
 
     gif: bytes
@@ -73,20 +74,20 @@ def animate_map(
     frame_s: float = 0.08,
     hold_s: float = 2.0,
 ) -> None:
-    """Writes an animated GIF. Frames that look alike are merged by pillow into one longer frame.
+    """Write an animated GIF. Pillow merges identical consecutive frames into one longer frame.
 
     Args:
         path: file to write, ending in .gif.
-        frames: read once, one at a time; only the known part of each map is kept, one byte a cell.
+        frames: frames, read one at a time. Only the known part of each map is kept, one byte per cell.
         resolution: side of a cell, meters.
         origin: `[2]` world position of the lower-left corner of cell (0, 0), meters.
         max_side: longer side of the map in the picture, pixels.
-        frame_s: time each frame is shown, seconds; GIF counts in hundredths.
-        hold_s: time the last frame is shown, seconds.
+        frame_s: duration of each frame, seconds, in multiples of 0.01.
+        hold_s: duration of the last frame, seconds.
 
     Raises:
-        ValueError: if there are no frames, their maps differ in size, or a value cannot be drawn.
-        OSError: if the file cannot be written.
+        ValueError: there are no frames, their maps differ in size, or a value cannot be drawn.
+        OSError: the file cannot be written.
     """
     if Path(path).suffix.lower() != ".gif":
         raise ValueError(f"{path} does not end in .gif: animations are written as GIF")
@@ -102,10 +103,10 @@ def animate_inline(
     frame_s: float = 0.08,
     hold_s: float = 2.0,
 ) -> InlineAnimation:
-    """The animation of `animate_map`, for a notebook and without a file. Arguments as there.
+    """Return an animation for a notebook, without a file. The arguments are those of `animate_map`.
 
     Raises:
-        ValueError: if there are no frames, their maps differ in size, or a value cannot be drawn.
+        ValueError: there are no frames, their maps differ in size, or a value cannot be drawn.
     """
     stream = io.BytesIO()
     num_frames = _write(stream, frames, resolution, origin, max_side, frame_s, hold_s)
@@ -121,7 +122,7 @@ def _write(
     frame_s: float,
     hold_s: float,
 ) -> int:
-    """Writes the GIF; returns how many frames there were."""
+    """Write the GIF, and return the number of frames."""
     side = checked_resolution(resolution)
     kept = list(_keep(frames))
     if not kept:
@@ -148,7 +149,7 @@ class _KeptFrame:
 
 @dataclass(frozen=True)
 class _Canvas:
-    """Where the world lies in the picture."""
+    """The placement of the world in the picture."""
 
     box: Box
     width: int
@@ -161,7 +162,7 @@ class _Canvas:
     def fitting(cls, box: Box, resolution: float, origin: Float[np.ndarray, "2"], max_side: int) -> "_Canvas":
         rows, columns = box.row_end - box.row, box.column_end - box.column
         scale = max_side / max(rows, columns)
-        # Cells are enlarged by whole numbers only: uneven cells look like errors in the map.
+        # Enlarge cells by whole numbers only, because uneven cells look like errors of the map.
         scale = math.floor(scale) if scale >= 1 else scale
         left, _, _, top = box.extent(resolution, origin)
         width, height = max(round(columns * scale), 1), max(round(rows * scale), 1)
@@ -173,7 +174,7 @@ class _Canvas:
         row, column = frame.box.row - self.box.row, frame.box.column - self.box.column
         height, width = frame.levels.shape
         cells[row : row + height, column : column + width] = frame.levels
-        # Rows of a map run upwards, rows of an image downwards.
+        # The rows of a map run upwards, the rows of an image downwards.
         pixels = _gray_index()[_resize(cells, self.height, self.width)[::-1]]
         footer = np.full((_FOOTER, self.width), _WHITE, np.uint8)
         pixels = np.concatenate([pixels, footer])
@@ -193,7 +194,7 @@ class _Canvas:
             pen.ellipse((x - 5, y - 5, x + 5, y + 5), fill=_WHITE, outline=_PATH, width=2)
             tip = (x + 9 * np.cos(theta), y - 9 * np.sin(theta))
             pen.line([(x, y), tip], fill=_PATH, width=2)
-        # Last, or the robot would hide a cloud that has converged.
+        # Draw particles last, because the robot would hide a converged cloud.
         for x, y in self._pixels(frame.particles):
             pen.ellipse((x - 1.5, y - 1.5, x + 1.5, y + 1.5), fill=_PARTICLE)
 
@@ -219,7 +220,7 @@ def _keep(frames: Iterable[MapFrame]) -> Iterator[_KeptFrame]:
         shape = levels.shape if shape is None else shape
         if levels.shape != shape:
             raise ValueError(
-                f"frame {index} has a map of shape {levels.shape}, the first one {shape}: give all "
+                f"frame {index} has a map of shape {levels.shape}, but frame 0 {shape}: give all frames "
                 "maps on the same cells"
             )
         box = known_box(levels, margin=2)
@@ -250,7 +251,7 @@ def _resize(cells: UInt8[np.ndarray, "h w"], height: int, width: int) -> UInt8[n
 
 
 def _gray_index() -> UInt8[np.ndarray, "256"]:
-    """Palette entry of each level: the gray steps are spread evenly over the ramp."""
+    """Return the palette entry of each level; the grays are evenly spaced."""
     return np.round(gray_ramp() / 255 * (_NUM_GRAYS - 1)).astype(np.uint8)
 
 
@@ -263,11 +264,11 @@ def _palette() -> list[int]:
 
 
 def _round_length(target: float) -> float:
-    """The largest of 1, 2, 5 × 10^k that is at most `target`."""
+    """Return the largest of 1, 2, 5 × 10^k that is at most `target`."""
     decade = 10.0 ** math.floor(math.log10(target))
     return max(step * decade for step in (1, 2, 5) if step * decade <= target * (1 + 1e-9))
 
 
 def _font_path() -> str:
-    # matplotlib ships this font, so the picture is the same on every machine.
+    # matplotlib includes this font, so the picture is the same on every machine.
     return str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf")

@@ -1,4 +1,4 @@
-"""Curves over time: errors, the effective sample size, live particles."""
+"""Draw curves over time: errors, the effective sample size, the number of particles."""
 
 from typing import Literal
 
@@ -20,22 +20,22 @@ def plot_errors(
     color: str = style.ESTIMATE,
     linestyle: str = "-",
 ) -> Axes:
-    """Draws an error over time: one run, or the mean over seeds with a band of ± 1 std.
+    """Draw an error over time: of one run, or the mean over seeds with a band of ± 1 standard deviation.
 
     Args:
         stamps: `[M]` seconds.
-        errors: `[M]`, or `[S, M]` for `S` seeds: meters, or radians for headings (drawn in
-            degrees). NaN leaves a seed out at that stamp, or a gap where all are NaN.
-        band: `[M]` half width of the band in the unit of `errors`, or `[2, M]` its lower and upper edge, as a
-            logarithmic axis needs them; None takes the std over seeds.
+        errors: `[M]`, or `[S, M]` for `S` seeds, meters, or radians for headings (drawn in degrees). A seed
+            with NaN is left out at that stamp; if all seeds are NaN, the curve has a gap.
+        band: `[M]` half width of the band in the unit of `errors`, or `[2, M]` its lower and upper edge,
+            which suits a logarithmic axis; None for the standard deviation over seeds.
         ax: axes to draw on; None for pyplot's current ones.
         quantity: "position" or "heading".
         label: name in the legend; None for no legend.
-        color: of line and band.
-        linestyle: of the line.
+        color: color of line and band.
+        linestyle: style of the line.
 
     Raises:
-        ValueError: if shapes do not fit or the quantity is unknown.
+        ValueError: the shapes do not match, or the quantity is unknown.
     """
     ax = style.axes_or_current(ax)
     times, values = np.asarray(stamps, float), np.asarray(errors, float)
@@ -56,7 +56,7 @@ def plot_errors(
     ax.plot(times, scale * mean, linestyle, color=color, linewidth=1.3, label=label)
     if edges is not None:
         low, high = scale * edges
-        # A distance is never negative, though its mean minus its deviation may be.
+        # A distance is never negative, but its mean minus its standard deviation can be.
         low = np.maximum(low, 0.0) if (values[np.isfinite(values)] >= 0).all() else low
         ax.fill_between(times, low, high, color=color, alpha=0.2, linewidth=0)
     y_label = "position error (m)" if quantity == "position" else "heading error (°)"
@@ -73,17 +73,17 @@ def plot_ess(
     *,
     threshold: float | None = 0.5,
 ) -> Axes:
-    """Draws the effective sample size per step, with the threshold and the resampled steps.
+    """Draw the effective sample size per step, with the threshold and the resampled steps.
 
     Args:
         ess: `[T]` effective sample size, 1 to `num_particles`.
-        num_particles: `N`, the top of the axis.
-        resampled: `[T]` steps after which the filter resampled; None if not known.
+        num_particles: number of particles `N`, the top of the axis.
+        resampled: `[T]` steps after which the filter resampled; None if unknown.
         ax: axes to draw on; None for pyplot's current ones.
-        threshold: fraction of `N` under which the filter resamples; None if not known.
+        threshold: fraction of `N` below which the filter resamples; None if unknown.
 
     Raises:
-        ValueError: if lengths differ or there are no particles.
+        ValueError: the lengths differ, or `num_particles` is below 1.
     """
     ax = style.axes_or_current(ax)
     values = np.asarray(ess, float)
@@ -106,7 +106,8 @@ def plot_ess(
             color=style.REFERENCE,
             markersize=9,
             label=f"resampled ({marked.sum()})",
-            # Marks that are not clipped and not there count as at the picture's corner, and move the axes.
+            # Without clipping, an empty set of marks would count as a mark at the corner of the picture and
+            # shift the axes.
             clip_on=not marked.any(),
         )
     ax.set_ylim(0, 1.04 * num_particles)
@@ -115,28 +116,28 @@ def plot_ess(
     return ax
 
 
-def plot_live_particles(
+def plot_num_particles(
     stamps: Float[np.ndarray | Array, "_"],
-    num_live: Int[np.ndarray | Array, "_"],
+    num_particles: Int[np.ndarray | Array, "_"],
     agreed: Bool[np.ndarray | Array, "_"] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draws how many particles a localization keeps over time, gray where they do not agree.
+    """Draw the number of particles of a localization over time, gray where the particles do not agree.
 
     Args:
         stamps: `[T]` seconds.
-        num_live: `[T]` particles that were weighed, at least 1.
-        agreed: `[T]` where they agree on a pose; None to leave that out.
+        num_particles: `[T]` numbers of active particles, at least 1.
+        agreed: `[T]` steps at which the particles agree on a pose; None draws no gray areas.
         ax: axes to draw on; None for pyplot's current ones.
 
     Raises:
-        ValueError: if lengths differ.
+        ValueError: the lengths differ.
     """
     ax = style.axes_or_current(ax)
-    times, counts = np.asarray(stamps, float), np.asarray(num_live)
+    times, counts = np.asarray(stamps, float), np.asarray(num_particles)
     if times.shape != counts.shape:
         raise ValueError(f"{len(counts)} counts for {len(times)} stamps: give one each")
-    ax.semilogy(times, counts, color=style.ESTIMATE, linewidth=1.3, label="live particles")
+    ax.semilogy(times, counts, color=style.ESTIMATE, linewidth=1.3, label="particles")
     if agreed is not None:
         apart = ~np.asarray(agreed, bool)
         if apart.shape != times.shape:
@@ -149,9 +150,9 @@ def plot_live_particles(
             transform=ax.get_xaxis_transform(),
             color="0.9",
             linewidth=0,
-            label="they do not agree",
+            label="particles do not agree",
         )
-    style.curve_axes(ax, "time (s)", "live particles")
+    style.curve_axes(ax, "time (s)", "particles")
     style.add_legend(ax)
     return ax
 
@@ -159,7 +160,7 @@ def plot_live_particles(
 def _over_seeds(
     values: Float[np.ndarray, "S M"],
 ) -> tuple[Float[np.ndarray, "M"], Float[np.ndarray, "M"]]:
-    """Mean and standard deviation over the finite seeds; NaN where there is none."""
+    """Return mean and standard deviation over the finite seeds; NaN where no seed is finite."""
     finite = np.isfinite(values)
     count = np.where(finite.any(axis=0), finite.sum(axis=0), np.nan)
     mean = np.where(finite, values, 0.0).sum(axis=0) / count

@@ -1,7 +1,8 @@
-"""Pictures of a localization: particles and path on the known map, curves over time, an animation."""
+"""Draw a localization: particles and path on the known map, curves over time, an animation."""
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -15,31 +16,45 @@ from jaxslam.grid.known_map import KnownMap
 from jaxslam.pipeline.localize import Cloud, LocalizationResult
 from jaxslam.viz import style
 from jaxslam.viz.animation import MapFrame, animate_map
-from jaxslam.viz.maps import plot_map, plot_particles, plot_scan, plot_trajectory
+from jaxslam.viz.maps import plot_map, plot_particles, plot_scan, plot_trajectory, plot_walls
 
 _MAX_DRAWN = 5000
-"""Particles in a picture; more of them only make the blot darker."""
+"""Largest number of particles in a picture; more would only overlap."""
 
 
-def plot_localization(result: LocalizationResult, ax: Axes | None = None) -> Axes:
-    """Draw the map, the path where the particles agreed, the last scan and the last particles.
+def plot_localization(
+    result: LocalizationResult, ax: Axes | None = None, *, truth: Any = None, legend: bool = True
+) -> Axes:
+    """Draw the map, the path where the particles agreed, the last scan and the final particles.
 
     Args:
-        result: of `jaxslam.localize_log`.
+        result: result of `jaxslam.localize_log`.
         ax: axes to draw on; None for pyplot's current ones.
+        truth: true or reference trajectory in the map frame, with `stamps` and `poses`, drawn dashed. Its
+            `walls` are drawn too if it has any.
+        legend: whether to add a legend below the axes.
     """
     ax, map = style.axes_or_current(ax), result.map
     plot_map(map_levels_of(map), map.resolution, np.asarray(map.origin[:2]), ax, margin_m=0.5)
+    if getattr(truth, "walls", None) is not None:
+        ends = np.pad(np.asarray(truth.walls, float).reshape(-1, 2), ((0, 0), (0, 1)))
+        plot_walls(in_map_axes(map, ends)[:, :2].reshape(-1, 4), ax)
     agreed = result.estimates.copy()
-    # A gap, and not a line across the map, where there was no estimate.
+    # Without an estimate, the path has a gap instead of a line across the map.
     agreed[~result.agreed] = np.nan
     if result.agreed.any():
         plot_trajectory(in_map_axes(map, agreed), ax, label="where the particles agree", legend=False)
+    if truth is not None:
+        true_path = in_map_axes(map, truth.poses)
+        plot_trajectory(true_path, ax, label="truth", color=style.REFERENCE, linestyle="--", legend=False)
     last = in_map_axes(map, result.estimates[-1:])[0]
     plot_scan(jax.tree.map(lambda leaf: leaf[-1], result.scans.inputs.scan), last, ax, label="last scan")
     count = min(len(result.particles), _MAX_DRAWN)
     heaviest = np.argsort(-result.weights, kind="stable")[:count]
-    return plot_particles(in_map_axes(map, result.particles[heaviest]), result.weights[heaviest], ax)
+    plot_particles(in_map_axes(map, result.particles[heaviest]), result.weights[heaviest], ax)
+    if legend:
+        style.add_legend_below(ax)
+    return ax
 
 
 def save_localization_curves(path: Path, result: LocalizationResult) -> None:
@@ -52,9 +67,9 @@ def save_localization_curves(path: Path, result: LocalizationResult) -> None:
     counts.set_ylabel("particles")
     deviation = np.sqrt(result.covariances[:, 0, 0] + result.covariances[:, 1, 1])
     spread.semilogy(seconds, np.maximum(deviation, 1e-3), color="tab:blue")
-    spread.set_ylabel("deviation of the\nestimate, m")
+    spread.set_ylabel("deviation of the\nestimate (m)")
     match.plot(seconds, result.infos.match_score, color="tab:blue")
-    match.set(ylabel="share of beams\non the map", ylim=(0.0, 1.02), xlabel="time, s")
+    match.set(ylabel="inlier ratio", ylim=(0.0, 1.02), xlabel="time (s)")
     for ax in (counts, spread, match):
         ax.fill_between(
             seconds, 0, 1, where=~result.agreed, transform=ax.get_xaxis_transform(), color="0.9", linewidth=0
@@ -71,7 +86,7 @@ def animate_clouds(path: Path, map: KnownMap, clouds: Sequence[Cloud]) -> None:
         MapFrame(
             levels,
             in_map_axes(map, cloud.estimates[-1:]),
-            # The particles are independent draws, so the first ones are as good as any.
+            # Particles are independent samples, so the first particles represent all of them.
             in_map_axes(map, cloud.particles[:_MAX_DRAWN]),
             f"{cloud.stamp - first:.0f} s, {len(cloud.particles)} particles",
         )
@@ -81,7 +96,7 @@ def animate_clouds(path: Path, map: KnownMap, clouds: Sequence[Cloud]) -> None:
 
 
 def map_levels_of(map: KnownMap) -> Float32[np.ndarray, "H W"]:
-    """Return a known map as `plot_map` draws it: 1 occupied, 0 free, NaN unknown."""
+    """Convert a known map to probabilities for `plot_map`: 1 occupied, 0 free, NaN unknown."""
     levels = np.full(map.shape, np.nan, np.float32)
     levels.reshape(-1)[np.asarray(map.free)] = 0.0
     levels[np.asarray(map.occupied)] = 1.0
@@ -89,7 +104,7 @@ def map_levels_of(map: KnownMap) -> Float32[np.ndarray, "H W"]:
 
 
 def in_map_axes(map: KnownMap, poses: Float[np.ndarray | Array, "_ 3"]) -> Float64[np.ndarray, "_ 3"]:
-    """Return world poses as they lie on a drawing of the map, which is upright even if the map is rotated."""
+    """Convert world poses to a drawing of the map, which is upright even if the map frame is rotated."""
     origin = np.asarray(map.origin, np.float64)
     corner = np.array([*origin[:2], 0.0])
     return se2.compose(corner[None], se2.relative(origin[None], np.asarray(poses, float)))

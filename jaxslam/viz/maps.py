@@ -1,4 +1,4 @@
-"""Pictures in the plane: the map and what lies on it."""
+"""Draw the map, and paths, walls, particles and scans on it."""
 
 from typing import Any
 
@@ -11,16 +11,17 @@ from matplotlib.patches import Ellipse
 
 from jaxslam.core import se2
 from jaxslam.core.types import LidarScan
+from jaxslam.grid.box import known_box
 from jaxslam.viz import style
-from jaxslam.viz.raster import gray_ramp, known_box, map_levels, shrink
+from jaxslam.viz.raster import UNKNOWN_GRAY, gray_ramp, map_levels, shrink
 
 Poses = Float[np.ndarray | Array, "_ 3"]
 
 
 class MapImage(AxesImage):
-    """A map that is pooled to the pixels it gets each time it is drawn.
+    """A map image that is pooled to the available pixels at each draw.
 
-    Walls then survive at any figure size, dpi and zoom, and zooming in shows every cell.
+    Walls therefore stay visible at any figure size, dpi and zoom, and zooming in shows every cell.
     """
 
     def __init__(
@@ -35,10 +36,10 @@ class MapImage(AxesImage):
         self._set_pixels(levels)
 
     def draw(self, renderer: Any) -> None:
-        """Draws at the resolution of the renderer; that of vector formats is no `RendererBase`."""
+        """Draw at the resolution of the renderer, which for vector formats is not a `RendererBase`."""
         left, right, bottom, top = self.get_extent()
         corners = self.axes.transData.transform([[left, bottom], [right, top]])
-        # Vector formats draw at 72 dpi and embed images magnified by this.
+        # Vector formats draw at 72 dpi and embed images with this magnification.
         width, height = np.abs(corners[1] - corners[0]) * renderer.get_image_magnification()
         pooled = shrink(self._levels, max(int(height), 1), max(int(width), 1))
         if self.get_shape() != pooled.shape:
@@ -57,17 +58,17 @@ def plot_map(
     *,
     margin_m: float = 0.5,
 ) -> Axes:
-    """Draws a map: free white, occupied black, unknown gray, cropped to what is known.
+    """Draw a map: free white, occupied black, unknown gray, cropped to its known part.
 
     Args:
         occupancy: `[H, W]` probabilities, int8 log-odds or uint8 levels, see `map_levels`.
         resolution: side of a cell, meters.
         origin: `[2]` world position of the lower-left corner of cell (0, 0), meters.
         ax: axes to draw on; None for pyplot's current ones.
-        margin_m: how much unknown to leave around the known part, meters.
+        margin_m: unknown space kept around the known part, meters.
 
     Raises:
-        ValueError: if the map or the resolution is not usable.
+        ValueError: the map or the resolution is invalid.
     """
     ax = style.axes_or_current(ax)
     levels = map_levels(occupancy)
@@ -76,8 +77,10 @@ def plot_map(
     image = MapImage(ax, box.cut(levels), box.extent(side, np.asarray(origin, float)))
     image.set_clip_path(ax.patch)
     ax.add_image(image)
-    # Only this call, not the constructor, makes the axes' limits hold the image.
+    # This call extends the limits of the axes to the image; the constructor does not.
     image.set_extent(image.get_extent())
+    # Space beyond the image is unknown too.
+    ax.set_facecolor(str(UNKNOWN_GRAY / 255))
     style.meter_axes(ax)
     return ax
 
@@ -91,18 +94,18 @@ def plot_trajectory(
     linestyle: str = "-",
     legend: bool = True,
 ) -> Axes:
-    """Draws a path with its start (circle) and end (square).
+    """Draw a path with its start (circle) and end (square).
 
     Args:
         poses: `[M, 3]` (m, m, rad). Rows that are not finite leave a gap.
         ax: axes to draw on; None for pyplot's current ones.
         label: name in the legend.
-        color: of line and markers.
-        linestyle: of the line, so that two paths also differ in print.
+        color: color of line and markers.
+        linestyle: style of the line, so that two paths also differ in black and white.
         legend: whether to add the legend.
 
     Raises:
-        ValueError: if no pose is finite.
+        ValueError: no pose is finite.
     """
     ax = style.axes_or_current(ax)
     path = np.asarray(poses, float)
@@ -136,21 +139,23 @@ def plot_walls(
     label: str = "true walls",
     color: str = style.NEUTRAL,
 ) -> Axes:
-    """Draws the walls of a known world, as thin lines to lie over a map.
+    """Draw the walls of a known world as thin lines over a map.
 
     Args:
-        segments: `[S, 4]` end points x1, y1, x2, y2 in meters, as a simulated world has them.
+        segments: `[S, 4]` end points x1, y1, x2, y2 in meters, as in a simulated world.
         ax: axes to draw on; None for pyplot's current ones.
         label: name in a legend.
-        color: of the lines.
+        color: color of the lines.
 
     Raises:
-        ValueError: if a segment is not finite.
+        ValueError: a segment is not finite.
     """
     ax = style.axes_or_current(ax)
     ends = np.asarray(segments, float)
     if not np.isfinite(ends).all():
-        raise ValueError(f"segment {int(np.argmin(np.isfinite(ends).all(axis=1)))} is not finite")
+        raise ValueError(
+            f"segment {int(np.argmin(np.isfinite(ends).all(axis=1)))} is not finite: give finite meters"
+        )
     lines = LineCollection(list(ends.reshape(-1, 2, 2)), colors=color, linewidths=0.7, label=label)
     ax.add_collection(lines)
     ax.autoscale_view()
@@ -167,18 +172,18 @@ def plot_particles(
     color: str = style.PARTICLES,
     label: str = "particles",
 ) -> Axes:
-    """Draws a particle cloud: a dot and a heading tick for each, fainter with less weight.
+    """Draw particles as dots with heading ticks; particles with less weight are fainter.
 
     Args:
         poses: `[N, 3]` (m, m, rad). Rows that are not finite are left out.
-        weights: `[N]` not negative, in any scale; None for equal ones.
+        weights: `[N]` not negative, at any scale; None for equal weights.
         ax: axes to draw on; None for pyplot's current ones.
         tick_m: length of the heading tick, meters.
-        color: of dots and ticks.
+        color: color of dots and ticks.
         label: name in a legend.
 
     Raises:
-        ValueError: if the weights are of another number, negative or not finite.
+        ValueError: the number of weights is wrong, or a weight is negative or not finite.
     """
     ax = style.axes_or_current(ax)
     cloud = np.asarray(poses, float)
@@ -189,16 +194,16 @@ def plot_particles(
         raise ValueError("weights must be finite and not negative: give weights, not log-weights")
     finite = np.isfinite(cloud).all(axis=1)
     cloud, share = cloud[finite], share[finite]
-    # The legend shows the color of a heavy particle, whichever comes first.
+    # The legend shows the color of a particle with full weight, regardless of the first particle.
     ax.plot([], [], "o", color=color, markersize=3.5, label=label)
     style.meter_axes(ax)
     if len(cloud) == 0:
         return ax
-    # The lightest stay visible: where particles are is the point, how heavy they are comes second.
+    # Particles with the least weight stay visible, because positions matter more than weights here.
     alpha = 0.4 + 0.6 * share / max(share.max(), np.finfo(float).tiny)
     heading = np.stack([np.cos(cloud[:, 2]), np.sin(cloud[:, 2])], axis=1)
     ticks = np.stack([cloud[:, :2], cloud[:, :2] + tick_m * heading], axis=1)
-    # Over the markers of a path, whose end would hide a cloud that has converged.
+    # Draw over the markers of a path, which would otherwise hide a converged cloud.
     lines = LineCollection(list(ticks), colors=color, alpha=alpha, linewidths=0.8, zorder=3.5)
     ax.add_collection(lines)
     ax.scatter(cloud[:, 0], cloud[:, 1], s=7, color=color, alpha=alpha, linewidths=0, zorder=3.5)
@@ -213,17 +218,17 @@ def plot_scan(
     color: str = style.SCAN,
     label: str = "scan",
 ) -> Axes:
-    """Draws the end points of a scan's valid beams in the world frame, and the lidar as a cross.
+    """Draw the end points of the valid beams of a scan in the world frame, and the lidar as a cross.
 
     Args:
         scan: ranges `[B]` in meters and mask `[B]`.
         pose_world_base: `[3]` pose of the base (m, m, rad); None for the base frame itself.
         ax: axes to draw on; None for pyplot's current ones.
-        color: of the points.
+        color: color of the points.
         label: name in a legend.
 
     Raises:
-        ValueError: if the pose is not finite.
+        ValueError: the pose is not finite.
     """
     ax = style.axes_or_current(ax)
     base = np.zeros(3) if pose_world_base is None else np.asarray(pose_world_base, float)
@@ -249,18 +254,18 @@ def plot_covariance(
     color: str = style.ESTIMATE,
     label: str | None = None,
 ) -> Axes:
-    """Draws position uncertainty as ellipses.
+    """Draw position uncertainty as ellipses.
 
     Args:
-        mean: `[2]` or `[3]`, or a batch `[M, ...]` of them: x, y in meters first.
-        covariance: `[2, 2]` or `[3, 3]`, or a batch: its position block is in m².
+        mean: `[2]` or `[3]`, or a batch `[M, ...]`, with x and y in meters first.
+        covariance: `[2, 2]` or `[3, 3]`, or a batch; the block of x and y in m² is drawn.
         ax: axes to draw on; None for pyplot's current ones.
-        num_sigmas: half axes in standard deviations. 3 holds 98.9 % of a planar Gaussian.
-        color: of the outlines.
+        num_sigmas: half axes in standard deviations. 3 contains 98.9 % of a planar Gaussian.
+        color: color of the outlines.
         label: name in a legend; None for the number of sigmas.
 
     Raises:
-        ValueError: if a value is not finite or a covariance has a negative eigenvalue.
+        ValueError: a value is not finite, or a covariance has a negative eigenvalue.
     """
     ax = style.axes_or_current(ax)
     means = np.asarray(mean, float)[..., :2].reshape(-1, 2)
@@ -268,7 +273,7 @@ def plot_covariance(
     if not (np.isfinite(means).all() and np.isfinite(blocks).all()):
         raise ValueError("mean or covariance is not finite: leave such steps out")
     variances, directions = np.linalg.eigh(blocks)
-    # Rounding may leave a flat direction slightly negative.
+    # Rounding can make the variance along a degenerate direction slightly negative.
     if (variances[:, 0] < -1e-6 * np.abs(variances[:, 1]) - 1e-12).any():
         raise ValueError(f"covariance has the eigenvalue {variances.min():g} m²: it must be >= 0")
     diameters = 2 * num_sigmas * np.sqrt(np.maximum(variances, 0.0))
@@ -294,7 +299,11 @@ def plot_covariance(
 
 
 def checked_resolution(resolution: float | Float[np.ndarray | Array, ""]) -> float:
-    """The side of a cell as a float, if it can be one."""
+    """Return the side of a cell as a float.
+
+    Raises:
+        ValueError: it is not a positive finite number.
+    """
     side = float(resolution)
     if not (np.isfinite(side) and side > 0):
         raise ValueError(f"resolution is {side}: give a positive number of meters")

@@ -1,4 +1,4 @@
-"""The picture of a result: map, trajectory and particle cloud, with the truth beside it."""
+"""Write the picture of a map with trajectory and particles, beside the truth."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,16 +9,17 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from jaxslam.grid.box import known_box
 from jaxslam.viz import style
 from jaxslam.viz.maps import Poses, checked_resolution, plot_map, plot_particles, plot_trajectory
-from jaxslam.viz.raster import UNKNOWN_GRAY, known_box, map_levels
+from jaxslam.viz.raster import map_levels
 
 _MARGIN_M = 0.5
 
 
 @dataclass(frozen=True)
 class MapLayer:
-    """A map and the path driven in it.
+    """A map and a trajectory on it.
 
     Attributes:
         occupancy: `[H, W]` probabilities, int8 log-odds or uint8 levels, see `map_levels`.
@@ -46,7 +47,7 @@ def save_map_picture(
     title: str = "estimate",
     dpi: int = 200,
 ) -> None:
-    """Writes the picture of a map, in the format of the path's suffix (png, pdf, svg, …).
+    """Write the picture of a map, in the format of the path's suffix (png, pdf, svg, …).
 
     Args:
         path: file to write; its folder must exist.
@@ -54,16 +55,16 @@ def save_map_picture(
         resolution: side of a cell, meters.
         origin: `[2]` world position of the lower-left corner of cell (0, 0), meters.
         poses: `[M, 3]` estimated trajectory (m, m, rad), or None.
-        particles: `[N, 3]` particle poses, usually the last ones, or None.
-        weights: `[N]` particle weights, or None for equal ones.
-        truth: the known map and path, in the same frame. It gets a panel of the same extent, and
-            its path is drawn under the estimate too.
-        title: of the left panel.
+        particles: `[N, 3]` particle poses, usually the final ones, or None.
+        weights: `[N]` particle weights, or None for equal weights.
+        truth: true map and path in the same frame. They are drawn in a second panel of the same extent, and
+            the path also over the estimate.
+        title: title of the left panel.
         dpi: pixels per inch. A panel is about 5 inches wide.
 
     Raises:
-        ValueError: if an array cannot be drawn or the format is unknown.
-        OSError: if the file cannot be written.
+        ValueError: an array cannot be drawn, or the format is unknown.
+        OSError: the file cannot be written.
     """
     estimate = MapLayer(occupancy, resolution, origin, poses)
     layers = [estimate] if truth is None else [estimate, truth]
@@ -77,7 +78,7 @@ def save_map_picture(
     if poses is not None:
         _draw_path(panels[0], poses, "estimated path", style.ESTIMATE, "-")
     if truth is not None and truth.poses is not None:
-        # Dashes over the solid line: both show where they agree.
+        # Dashes over the solid line keep both visible where they coincide.
         for panel in panels:
             _draw_path(panel, truth.poses, "true path", style.REFERENCE, "--")
     if particles is not None:
@@ -102,7 +103,7 @@ def _draw_path(ax: Axes, poses: Poses, label: str, color: str, linestyle: str) -
 
 
 def _common_extent(layers: list[MapLayer]) -> tuple[float, float, float, float]:
-    """Left, right, bottom, top in meters of all that is known in any layer."""
+    """Return left, right, bottom and top of the known parts of all layers, meters."""
     extents = []
     for layer in layers:
         side = checked_resolution(layer.resolution)
@@ -113,7 +114,7 @@ def _common_extent(layers: list[MapLayer]) -> tuple[float, float, float, float]:
 
 
 def _figure_size(extent: tuple[float, float, float, float], num_panels: int) -> tuple[float, float]:
-    """Inches that give each panel the shape of its extent, with room for labels and legend."""
+    """Return width and height in inches that fit the extent into each panel, plus labels and legend."""
     left, right, bottom, top = extent
     aspect = (top - bottom) / (right - left)
     width = 5.2 if aspect <= 1.5 else 5.2 * 1.5 / aspect
@@ -122,7 +123,5 @@ def _figure_size(extent: tuple[float, float, float, float], num_panels: int) -> 
 
 def _decorate(ax: Axes, title: str, extent: tuple[float, float, float, float]) -> None:
     ax.set_title(title, fontsize="medium")
-    # What one map does not know is as unknown beyond its edge.
-    ax.set_facecolor(str(UNKNOWN_GRAY / 255))
     ax.set_xlim(extent[0], extent[1])
     ax.set_ylim(extent[2], extent[3])

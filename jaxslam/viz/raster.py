@@ -1,10 +1,8 @@
-"""Occupancy maps as small images: one byte of blackness per cell, cropped and shrunk without loss.
+"""Convert occupancy maps to small images: one level per cell, pooled without losing walls.
 
-A map of 5 cm cells often has more cells than a picture has pixels. Averaging or skipping cells then
-fades or drops one-cell walls, so pixels here take the *most occupied* cell that they cover.
+A map with cells of 5 cm often has more cells than a picture has pixels. Averaging would fade walls of one
+cell, and skipping cells would drop them. Each pixel therefore shows the *most occupied* cell that it covers.
 """
-
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Array, Shaped, UInt8
@@ -12,43 +10,19 @@ from jaxtyping import Array, Shaped, UInt8
 from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT
 
 UNKNOWN_GRAY = 208
-"""Gray of unknown cells, and of known ones that are as likely occupied as not; free is 255."""
-
-
-@dataclass(frozen=True)
-class Box:
-    """A block of cells: rows `row` to `row_end`, columns `column` to `column_end`, exclusive."""
-
-    row: int
-    row_end: int
-    column: int
-    column_end: int
-
-    def extent(self, resolution: float, origin: Shaped[np.ndarray, "2"]) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top of the block in the world, meters."""
-        x, y = float(origin[0]), float(origin[1])
-        return (
-            x + self.column * resolution,
-            x + self.column_end * resolution,
-            y + self.row * resolution,
-            y + self.row_end * resolution,
-        )
-
-    def cut(self, levels: Shaped[np.ndarray, "_ _"]) -> Shaped[np.ndarray, "_ _"]:
-        """The cells of the block."""
-        return levels[self.row : self.row_end, self.column : self.column_end]
+"""Gray value of unknown cells and of known cells with probability 0.5; free cells are 255."""
 
 
 def map_levels(occupancy: Shaped[np.ndarray | Array, "*shape"]) -> UInt8[np.ndarray, "H W"]:
-    """Blackness of every cell: 0 where unknown, else 1 (surely free) to 255 (surely occupied).
+    """Convert a map to levels: 0 where unknown, else 1 (certainly free) to 255 (certainly occupied).
 
     Args:
-        occupancy: `[H, W]`, row 0 the lowest y. Floats are probabilities in [0, 1], unknown where
-            NaN or exactly 0.5; int8 are the filter's fixed-point log-odds, unknown where 0; uint8
-            are levels already and returned as they are.
+        occupancy: `[H, W]`, row 0 at the lowest y. Floats are probabilities in [0, 1], unknown where NaN or
+            exactly 0.5. int8 values are the filter's fixed-point log-odds, unknown where 0. uint8 values are
+            levels and are returned unchanged.
 
     Raises:
-        ValueError: if it is not a map of one of these kinds.
+        ValueError: the array is not a map of one of these kinds.
     """
     cells = np.asarray(occupancy)
     if cells.ndim != 2 or 0 in cells.shape:
@@ -72,31 +46,17 @@ def map_levels(occupancy: Shaped[np.ndarray | Array, "*shape"]) -> UInt8[np.ndar
 
 
 def shrink(levels: UInt8[np.ndarray, "_ _"], height: int, width: int) -> UInt8[np.ndarray, "_ _"]:
-    """Pools to at most `[height, width]`: each pixel is the most occupied cell under it.
+    """Pool levels to at most `[height, width]`; each pixel shows the most occupied cell that it covers.
 
-    A pixel is unknown only if all its cells are. Never enlarges.
+    A pixel is unknown only if all its cells are unknown. The image is never enlarged.
     """
     rows = np.arange(min(height, levels.shape[0])) * levels.shape[0] // min(height, levels.shape[0])
     columns = np.arange(min(width, levels.shape[1])) * levels.shape[1] // min(width, levels.shape[1])
     return np.maximum.reduceat(np.maximum.reduceat(levels, rows, axis=0), columns, axis=1)
 
 
-def known_box(levels: UInt8[np.ndarray, "H W"], margin: int = 0) -> Box:
-    """The smallest block with every known cell, `margin` cells wider; all if none is known."""
-    height, width = levels.shape
-    rows, columns = np.flatnonzero(levels.any(axis=1)), np.flatnonzero(levels.any(axis=0))
-    if rows.size == 0:
-        return Box(0, height, 0, width)
-    return Box(
-        row=max(int(rows[0]) - margin, 0),
-        row_end=min(int(rows[-1]) + 1 + margin, height),
-        column=max(int(columns[0]) - margin, 0),
-        column_end=min(int(columns[-1]) + 1 + margin, width),
-    )
-
-
 def gray_ramp() -> UInt8[np.ndarray, "256"]:
-    """Gray value of each level: unknown mid-gray, free white, occupied black."""
+    """Return the gray value of each level: unknown mid-gray, free white, occupied black."""
     ramp = np.interp(np.arange(256), [1, 128, 255], [255, UNKNOWN_GRAY, 0])
     ramp[0] = UNKNOWN_GRAY
     return ramp.astype(np.uint8)
@@ -107,7 +67,7 @@ def _level(probability: Shaped[np.ndarray, "*shape"]) -> UInt8[np.ndarray, "*sha
 
 
 def _log_odds_levels() -> UInt8[np.ndarray, "256"]:
-    """Level of each int8 value, indexed by its bits."""
+    """Return the level of each int8 value, indexed by its bits."""
     log_odds = np.arange(256, dtype=np.uint8).view(np.int8) * LOG_ODDS_PER_UNIT
     levels = _level(1 / (1 + np.exp(-log_odds)))
     levels[0] = 0

@@ -1,4 +1,4 @@
-"""The picture of a run."""
+"""Draw the result of a run."""
 
 from typing import Any
 
@@ -18,14 +18,15 @@ def plot_run(
     label: str = "estimate",
     legend: bool = True,
 ) -> Axes:
-    """Draw the map and the path of the best particle, and where all particles are at the end.
+    """Draw the map and the path of the best particle, and the final poses of all particles.
 
     Args:
-        result: of `jaxslam.run_log`.
+        result: result of `jaxslam.run_log`.
         ax: axes to draw on; None for pyplot's current ones.
-        truth: true or reference trajectory with `stamps` and `poses`, and perhaps `walls`, drawn dashed.
+        truth: true or reference trajectory with `stamps` and `poses`, drawn dashed. Its `walls` are drawn too
+            if it has any.
         label: name of the path in the legend.
-        legend: whether to add the legend.
+        legend: whether to add a legend below the axes.
     """
     ax = style.axes_or_current(ax)
     plot_map(result.log_odds, result.grid.resolution, result.grid.origin, ax)
@@ -36,5 +37,5 @@ def plot_run(
         plot_trajectory(truth.poses, ax, label="truth", color=style.REFERENCE, linestyle="--", legend=False)
     plot_particles(result.particles, np.exp(result.log_weights.astype(float)), ax)
     if legend:
-        style.add_legend(ax)
+        style.add_legend_below(ax)
     return ax

@@ -1,7 +1,7 @@
-"""Colors and small conventions shared by all pictures.
+"""Colors and conventions shared by all pictures.
 
-Colors are Okabe and Ito's, which stay apart for color-blind readers; every curve also differs in
-line style or marker. Nothing here touches matplotlib's global settings.
+The colors are those of Okabe and Ito, which color-blind readers can distinguish. Every curve also differs in
+line style or marker. This module does not change matplotlib's global settings.
 """
 
 import numpy as np
@@ -14,11 +14,11 @@ SCAN = "#009E73"
 NEUTRAL = "#666666"
 
 _CROWDED = 10_000
-"""Points of an axes."""
+"""Number of points above which the best place of a legend takes seconds to find."""
 
 
 def axes_or_current(ax: Axes | None) -> Axes:
-    """The given axes, or pyplot's current ones: the only place that may touch a GUI backend."""
+    """Return the given axes, or pyplot's current ones. No other function may start a GUI backend."""
     if ax is not None:
         return ax
     import matplotlib.pyplot as plt
@@ -27,7 +27,7 @@ def axes_or_current(ax: Axes | None) -> Axes:
 
 
 def meter_axes(ax: Axes) -> None:
-    """Equal scales and labels for a picture of the plane."""
+    """Set equal scales and the labels of a picture of the plane."""
     ax.set_aspect("equal")
     ax.set_xlabel("x (m)")
     ax.set_ylabel("y (m)")
@@ -35,7 +35,7 @@ def meter_axes(ax: Axes) -> None:
 
 
 def curve_axes(ax: Axes, x_label: str, y_label: str) -> None:
-    """Labels and a light grid for a curve."""
+    """Set the labels and a light grid for a curve."""
     ax.set_xlabel(x_label)
     ax.set_ylabel(y_label)
     ax.grid(True, color="0.9", linewidth=0.6)
@@ -45,10 +45,10 @@ def curve_axes(ax: Axes, x_label: str, y_label: str) -> None:
 
 
 def add_legend(ax: Axes) -> None:
-    """A legend if anything has a label."""
+    """Add a legend if anything has a label."""
     if not ax.get_legend_handles_labels()[1]:
         return
-    # To look for the place where it hides the least takes seconds then, and matplotlib warns of it.
+    # With many points, the search for the best place takes seconds and matplotlib warns about it.
     crowded = sum(np.size(line.get_xdata()) for line in ax.lines) > _CROWDED
     ax.legend(
         loc="upper left" if crowded else "best",
@@ -57,6 +57,22 @@ def add_legend(ax: Axes) -> None:
         edgecolor="0.85",
         fontsize="small",
         fancybox=False,
+    )
+
+
+def add_legend_below(ax: Axes) -> None:
+    """Add a legend under the axes, where it covers nothing, if anything has a label."""
+    count = len(ax.get_legend_handles_labels()[1])
+    if not count:
+        return
+    # The padding, in units of the font size, leaves room for tick labels and axis label.
+    ax.legend(
+        loc="upper center",
+        bbox_to_anchor=(0.5, 0.0),
+        borderaxespad=4.5,
+        ncols=min(count, 4),
+        frameon=False,
+        fontsize="small",
     )
 
 

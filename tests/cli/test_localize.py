@@ -93,7 +93,7 @@ def test_the_written_configuration_is_one_to_give(drive, tmp_path):
         (["--global", "--particles", "0"], "give 1 or more"),
         (["--global", "--set", "max_particles=99999999999999999999"], "lower max_particles"),
         (["--global", "--set", "bins.translation=1e-320"], "too large or too small"),
-        (["--start", "5,5,0", "--set", "start.deviation=1e30"], "a start that unsure is --global"),
+        (["--start", "5,5,0", "--set", "start.deviation=1e30"], "or search the whole map with --global"),
         (["--global", "--set", "sensor.beam.kind=beam"], "no setting is called"),
     ],
 )

@@ -141,6 +141,16 @@ def test_choosing_what_is_there_keeps_its_values():
     assert configuration.with_method("gmapping").proposal.lost_below == 0.75
 
 
+@pytest.mark.parametrize("config", [SlamConfig(), LocalizationConfig()], ids=lambda c: type(c).__name__)
+def test_settings_change_by_name_on_the_configuration_itself(config):
+    changed = config.with_settings({"sensor.sigma_hit": 0.15, "motion": "velocity"})
+    assert changed.sensor.sigma_hit == 0.15
+    assert type(changed.motion).__name__ == "VelocityMotion"
+    assert config.sensor.sigma_hit != 0.15
+    with pytest.raises(ValueError, match=r"did you mean 'sensor\.sigma_hit'"):
+        config.with_settings({"sensor.sigma_hitt": 0.1})
+
+
 def test_methods():
     assert SlamConfig().method == "gmapping"
     assert {SlamConfig().with_method(method).method for method in METHODS} == set(METHODS)
@@ -172,7 +182,10 @@ def test_methods():
         ({"proposal": "matcht"}, "proposal is 'matcht': did you mean 'matched'? There are motion, matched"),
         ({"proposal": "motion", "lost_below": 1.0}, "no setting is called 'lost_below'"),
         ({"usable_range": 0.0}, "lidar.usable_range is 0.0: give a number of meters above 0"),
-        ({"min_range": 100.0}, "lidar.min_range is 100.0 m and lidar.max_range 80.0 m: exchange them"),
+        (
+            {"min_range": 100.0},
+            "lidar.min_range is 100.0 m and lidar.max_range 80.0 m: give a min_range below max_range",
+        ),
         ({"resolution": -0.05}, "map.resolution is -0.05"),
         ({"margin": -1.0}, "map.margin is -1.0: give a number of meters, 0 or more"),
         ({"map.radius": 16}, "map.radius is 16: give 1 to 10 cells"),

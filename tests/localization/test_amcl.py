@@ -17,7 +17,7 @@ from jaxslam.motion import OmnidirectionalMotion
 from jaxslam.pipeline.build import build_localizer
 from jaxslam.pipeline.chunks import run_steps
 from jaxslam.pipeline.inputs import pair_scans
-from jaxslam.pipeline.localize import localize_log, settled_elsewhere
+from jaxslam.pipeline.localize import find_jumps, localize_log
 from jaxslam.resampling import normalize
 from jaxslam.sim import sick, simulate, to_log
 from tests.builders import hall_map
@@ -247,17 +247,17 @@ def test_resampling_is_unbiased(amcl):
     np.testing.assert_allclose(shares, weights, atol=3 * np.sqrt(0.25 / 8192))
 
 
-def test_settled_elsewhere():
+def test_jumps_are_found():
     odometry = np.stack([np.arange(5.0), np.zeros(5), np.zeros(5)], axis=1)
     turned = np.stack([np.zeros(5), np.arange(5.0), np.full(5, np.pi / 2)], axis=1)
-    assert settled_elsewhere(turned, odometry).tolist() == []
+    assert find_jumps(turned, odometry).tolist() == []
     jumped = turned.copy()
     jumped[3:, 0] += 4.0
-    assert settled_elsewhere(jumped, odometry).tolist() == [3]
+    assert find_jumps(jumped, odometry).tolist() == [3]
     spun = turned.copy()
     spun[4, 2] += np.pi
-    assert settled_elsewhere(spun, odometry).tolist() == [4]
-    assert settled_elsewhere(turned[:1], odometry[:1]).tolist() == []
+    assert find_jumps(spun, odometry).tolist() == [4]
+    assert find_jumps(turned[:1], odometry[:1]).tolist() == []
 
 
 @pytest.mark.parametrize(

@@ -2,10 +2,12 @@
 
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from jaxslam.config.slam import SlamConfig
 from jaxslam.config.thinning import Thinning
@@ -123,6 +125,13 @@ def test_a_localization_says_whether_it_converged(agreed, shown, warned):
     expected = f"100 scans, {shown}, 20 particles at the end, 2.5 ms per scan{warned}"
     assert repr(result) == f"LocalizationResult({expected})"
     assert_shows_itself(result, "100 processed of 400", "20 at the end")
+    walls = np.array([[0.0, 0.0, 12.0, 0.0]])
+    truth = SimpleNamespace(stamps=STAMPS[:100], poses=POSES[:100] + 0.5, walls=walls)
+    ax = result.plot(Figure().subplots(), truth=truth)
+    names = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert {"truth", "true walls", "last scan", "particles"} <= set(names)
+    dashed = next(line for line in ax.lines if line.get_label() == "truth")
+    np.testing.assert_allclose(dashed.get_xydata(), truth.poses[:, :2])
 
 
 def test_scans_with_fused_odometry_say_so():

@@ -13,7 +13,14 @@ from jaxslam.config.thinning import Thinning
 from jaxslam.grid import GridSpec, OccupancyModel
 from jaxslam.motion import OdometryMotion
 from jaxslam.pipeline.inputs import PreparedScans, pair_scans
-from jaxslam.pipeline.many import ManyResult, _check_memory, _program, _that_fit, bytes_needed, run_many
+from jaxslam.pipeline.many import (
+    ManyResult,
+    _check_memory,
+    _fitting_devices,
+    _program,
+    bytes_needed,
+    run_many,
+)
 from jaxslam.pipeline.run import run_log
 from jaxslam.proposal import MotionProposal
 from jaxslam.resampling import AdaptiveResampling, SystematicResampler
@@ -93,6 +100,18 @@ def test_every_run_is_that_of_run_log(slam, prepared, many):
     assert len({run.tobytes() for run in many.trajectories.reshape(-1, steps, 3)}) == 6
 
 
+def test_many_runs_show_themselves_as_a_table(many):
+    shown = many._repr_html_()
+    left = int(many.left_map.sum())
+    for text in (
+        f"{len(SIGMAS)} configurations × {len(KEYS)} keys",
+        f"{many.trajectories.shape[2]} in the longest run",
+        f"{many.scans_per_s:.0f} scans per second",
+        f"{left} of {len(SIGMAS) * len(KEYS)} runs",
+    ):
+        assert text in shown
+
+
 def test_the_same_call_gives_the_same_bytes(slam, prepared, many):
     again = run_many(slam, prepared, KEYS, {"sensor.sigma_hit": SIGMAS}, maps=True)
     assert again.trajectories.tobytes() == many.trajectories.tobytes()
@@ -160,11 +179,11 @@ def test_a_robot_at_the_edge_of_its_map_is_told(slam, prepared, many):
         ({"sensor.sigma_hti": [0.1]}, "did you mean 'sensor.sigma_hit'"),
         ({"sensor.sigma_hit": [0.1, -1.0]}, "sigma_hit is -1.0"),
         ({"sensor.sigma_hit": [0.1, float("nan")]}, "finite"),
-        ({"sensor.sigma_hit": [0.1, 0.2], "usable_range": [3.0]}, "different number"),
+        ({"sensor.sigma_hit": [0.1, 0.2], "usable_range": [3.0]}, "different numbers of values"),
         ({"num_particles": [4, 8]}, "num_particles is a size or a choice"),
         ({"proposal.kind": ["motion", "matched"]}, "proposal.kind is a size or a choice"),
-        ({"sensor.sigma_hit": []}, "no configuration"),
-        ([], "no configuration"),
+        ({"sensor.sigma_hit": []}, "configs is empty"),
+        ([], "configs is empty"),
     ],
 )
 def test_bad_configurations(slam, prepared, configs, message):
@@ -178,12 +197,14 @@ def test_bad_inputs(slam, prepared, monkeypatch):
         run_many(slam, [prepared, prepared], KEYS)
     with pytest.raises(ValueError, match="0 keys"):
         run_many(slam, prepared, KEYS[:0])
-    with pytest.raises(ValueError, match="spread over devices already"):
+    with pytest.raises(ValueError, match="already sharded over devices"):
         run_many(slam.shard(jax.devices()), prepared, KEYS)
     monkeypatch.setattr("jaxslam.pipeline.many.physical_memory", lambda: 1e5)
-    with pytest.raises(ValueError, match=r"1 runs at once of 4 maps .* GB .* 0.0001 GB there are"):
+    with pytest.raises(
+        ValueError, match=r"1 parallel runs of 4 maps .* GB, but only 0.0001 GB are available"
+    ):
         run_many(slam, prepared, KEYS)
-    with pytest.raises(ValueError, match=r"2 runs at once of 4 maps"):
+    with pytest.raises(ValueError, match=r"2 parallel runs of 4 maps"):
         run_many(slam, prepared, KEYS, devices=jax.devices()[:2])
 
 
@@ -202,17 +223,17 @@ def test_as_many_devices_as_there_is_memory_for(slam, monkeypatch, room, count):
     alone = bytes_needed(slam, 64, together=2, num_devices=1, kept_maps=0)
     monkeypatch.setattr("jaxslam.pipeline.many.physical_memory", lambda: room * alone)
     eight = tuple(jax.devices()[:1]) * 8
-    assert len(_that_fit(slam, 64, 2, eight, 0)) == count
+    assert len(_fitting_devices(slam, 64, 2, eight, 0)) == count
 
 
 def test_devices_with_memory_of_their_own_are_asked_for_it(slam):
     accelerator = Mock(spec=jax.devices()[0], platform="gpu")
     accelerator.memory_stats.return_value = {"bytes_limit": 1e5}
     several = (accelerator,) * 4
-    assert _that_fit(slam, 64, 1, several, 0) == several
+    assert _fitting_devices(slam, 64, 1, several, 0) == several
     # Maps that are kept for the result are in main memory.
     with pytest.raises(
-        ValueError, match=r"1 runs at once of 4 maps .* 1000 maps kept, .* 0.0001 GB there are"
+        ValueError, match=r"1 parallel runs of 4 maps .* 1000 kept maps .* only 0.0001 GB are available"
     ):
         _check_memory(slam, 64, 1, several, 1000)
 

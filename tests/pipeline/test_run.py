@@ -8,14 +8,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxslam.config.localization import LocalizationConfig
 from jaxslam.config.thinning import Thinning
 from jaxslam.core import se2
 from jaxslam.core.flags import Flag
 from jaxslam.grid import GridSpec, OccupancyModel
+from jaxslam.io.log import SensorLog
 from jaxslam.matching import CorrelativeSearch
 from jaxslam.motion import OdometryMotion
 from jaxslam.pipeline.chunks import CHUNK, run_steps
 from jaxslam.pipeline.inputs import PreparedScans, pair_scans
+from jaxslam.pipeline.localize import localize_log
+from jaxslam.pipeline.prepare import prepare_localization
 from jaxslam.pipeline.run import RunResult, SlamError, Snapshot, run_log
 from jaxslam.proposal import MatchedProposal
 from jaxslam.resampling import AdaptiveResampling, SystematicResampler
@@ -31,7 +35,7 @@ BLIND = [10, 11, 70]
 
 
 @pytest.fixture(scope="module")
-def prepared() -> PreparedScans:
+def log() -> SensorLog:
     """Some 6 m of driving; the scans are closer together than the filter wants them."""
     world, waypoints = hall_small()
     lidar = Lidar(
@@ -44,7 +48,12 @@ def prepared() -> PreparedScans:
         rate=RATE,
     )
     simulation = simulate(jax.random.key(0), world, waypoints, lidar=lidar, duration=DURATION)
-    return pair_scans(to_log(simulation), Thinning(0.06, 0.2))
+    return to_log(simulation)
+
+
+@pytest.fixture(scope="module")
+def prepared(log) -> PreparedScans:
+    return pair_scans(log, Thinning(0.06, 0.2))
 
 
 @pytest.fixture(scope="module")
@@ -135,6 +144,16 @@ def test_scans_between_the_processed_ones_follow_the_odometry(prepared, result):
     assert np.abs(moved - driven).max() <= corrected + 1e-9
     after = skipped > processed[-1]
     np.testing.assert_allclose(moved[after], driven[after], atol=1e-9)
+
+
+def test_a_robot_is_localized_on_the_map_of_a_run_without_a_file(log, result):
+    config = LocalizationConfig(max_particles=500).with_lidar("lds-01")
+    localizer, scans = prepare_localization(log, result.occupancy(), config)
+    start = tuple(float(value) for value in scans.pose0)
+    localized = localize_log(localizer, scans, KEY, start, deviations=(0.1, 0.05))
+    difference = localized.all_poses[-1] - result.all_poses[-1]
+    # Two cells of the map: the localization also corrects what the filter with three particles got wrong.
+    assert np.hypot(*difference[:2]) < 0.2
 
 
 def test_a_watcher_sees_the_run_grow(prepared, result, snapshots):

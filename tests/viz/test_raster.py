@@ -2,9 +2,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxslam.grid.box import Box, known_box
 from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT
 from jaxslam.viz import map_levels, shrink
-from jaxslam.viz.raster import UNKNOWN_GRAY, Box, gray_ramp, known_box
+from jaxslam.viz.raster import UNKNOWN_GRAY, gray_ramp
 
 
 def test_levels_of_probabilities():

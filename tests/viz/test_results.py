@@ -15,6 +15,7 @@ from jaxslam.sim.recording import Truth
 from jaxslam.sim.worlds.halls import hall_small
 from jaxslam.slam import StepInfo
 from jaxslam.viz import plot_run
+from jaxslam.viz.raster import UNKNOWN_GRAY
 
 
 def scans_of(count: int) -> PreparedScans:
@@ -98,6 +99,17 @@ def test_a_result_draws_itself_with_the_truth(result):
     ax = result.plot(Figure().subplots(), truth=truth)
     labels = ax.get_legend_handles_labels()[1]
     assert {"truth", "true walls", "estimate"} <= set(labels)
+    # Walls beyond the cropped map lie on the gray of unknown space.
+    assert ax.get_facecolor() == pytest.approx((UNKNOWN_GRAY / 255,) * 3 + (1.0,))
+
+
+def test_the_legend_covers_nothing_of_the_map(result):
+    figure = Figure(figsize=(6, 5), layout="constrained")
+    FigureCanvasAgg(figure)
+    ax = result.plot(figure.subplots())
+    figure.canvas.draw()
+    legend, labels = ax.get_legend().get_window_extent(), ax.xaxis.get_tightbbox()
+    assert 0 <= legend.y0 < legend.y1 <= labels.y0 < ax.bbox.y0
 
 
 def test_a_result_shows_itself_in_a_notebook(result):
@@ -117,3 +129,8 @@ def test_a_result_saves_itself(result, tmp_path):
     assert saved.occupied.sum() == 40
     # Cropped to what was seen, rows 4 to 6, and half a meter around as far as the map reaches.
     assert saved.occupied.shape == (10, 40)
+    map = result.occupancy()
+    np.testing.assert_array_equal(saved.occupied, map.occupied)
+    np.testing.assert_array_equal(saved.free, map.free)
+    np.testing.assert_array_equal(saved.origin, map.origin)
+    assert saved.resolution == map.resolution

@@ -1,6 +1,7 @@
 """What the site has beyond the pages in this folder: notebooks, API pages, changelog, formulas as MathML."""
 
 import html
+import os
 import pkgutil
 import re
 from pathlib import Path
@@ -11,6 +12,7 @@ from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from nbconvert import MarkdownExporter
+from nbconvert.preprocessors import ExecutePreprocessor
 from traitlets.config import Config
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -48,12 +50,19 @@ def on_page_content(content: str, **_: Any) -> str:
 
 
 def _render_notebook(path: Path) -> tuple[str, dict[str, bytes]]:
-    """Return a notebook with its stored output as Markdown, and its pictures by file name."""
+    """Return a notebook as Markdown, and its pictures by file name.
+
+    The files store no output. With JAXSLAM_RUN_NOTEBOOKS in the environment, as for the deployed site, the
+    notebook is executed first, in minutes; without it, the page shows the code and the text alone.
+    """
     pictures = f"{path.stem}_{{cell_index}}_{{index}}{{extension}}"
     exporter = MarkdownExporter(
         config=Config(ExtractOutputPreprocessor={"output_filename_template": pictures})
     )
     notebook = nbformat.read(path, as_version=4)
+    if os.environ.get("JAXSLAM_RUN_NOTEBOOKS"):
+        context = {"metadata": {"path": str(path.parent)}}
+        ExecutePreprocessor(timeout=1800, kernel_name="python3").preprocess(notebook, context)
     notebook.metadata.language_info = {"name": "python"}  # of the code blocks; the files do not store it
     text, resources = exporter.from_notebook_node(notebook)
     return text, resources["outputs"]

@@ -112,5 +112,5 @@ def repeated(tree: Any, count: int) -> Any:
 
 def one_step(num_beams: int) -> StepInputs:
     """A scan of half a turn, and a little way driven."""
-    ranges = np.linspace(1.0, 6.0, num_beams)
+    ranges = jnp.linspace(1.0, 6.0, num_beams)
     return inputs_of([0.2, 0.0, 0.02], ranges, angle_min=-1.57, increment=3.14 / num_beams)

@@ -1,6 +1,6 @@
-"""Files: logs in (CARMEN, ROS bags), trajectories, relations and maps in and out.
+"""Files: read logs (CARMEN, ROS bags); read and write trajectories, relations and maps.
 
-Importing this package needs NumPy only; rosbags, ruamel.yaml and Pillow are imported when a file
+Importing this package needs NumPy only; rosbags, SciPy, ruamel.yaml and Pillow are imported when a file
 that needs them is opened.
 """
 

@@ -34,7 +34,7 @@ _TIMEOUT = (10.0, 60.0)  # To connect, and between two pieces, seconds.
 
 
 class FetchError(ValueError):
-    """A log that cannot be fetched. The message is one line: what is wrong, where, what to do."""
+    """A failed download. The message is one line: the problem, its place, and the fix."""
 
 
 class _WrongFileError(FetchError):
@@ -57,11 +57,11 @@ def cache_folder(to: Path | None = None) -> Path:
 
 
 def fetch_log(log: PublicLog, folder: Path) -> list[Path]:
-    """Download what is not in the cache folder yet, verify it and convert it.
+    """Download files missing from the cache folder, verify them and convert the log.
 
     Args:
-        log: what to fetch.
-        folder: cache folder; the log gets a folder of its own in it.
+        log: the log to fetch.
+        folder: cache folder; the log gets its own folder in it.
 
     Returns:
         The converted files, the first log first.
@@ -86,7 +86,7 @@ def fetch_log(log: PublicLog, folder: Path) -> list[Path]:
 
 
 def fetch_files(files: Sequence[RemoteFile], folder: Path) -> list[Path]:
-    """Download files into a folder, or verify those that are there.
+    """Download missing files into a folder, and verify existing ones.
 
     Returns:
         The paths of the files, in the same order.

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float64
 
 _EARTH_RADIUS = 6_378_137.0
-"""Equatorial, meters (WGS 84)."""
+"""Equatorial radius, meters (WGS 84)."""
 
 
 def east_north(positions: Float64[np.ndarray, "M 3"]) -> Float64[np.ndarray, "M 2"]:

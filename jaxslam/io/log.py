@@ -1,7 +1,7 @@
 """The in-memory log: stamped odometry, IMU, wheel and scan tracks as NumPy arrays on the host.
 
-Every reader returns a `SensorLog`; nothing after it knows which file format it came from. Stamps are
-seconds as float64 (float32 cannot hold a Unix time), sorted and finite.
+Every reader returns a `SensorLog`, which is independent of the file format. Stamps are seconds as float64
+(float32 cannot represent a Unix time), sorted and finite.
 """
 
 import dataclasses
@@ -14,7 +14,7 @@ from jaxtyping import Float32, Float64, Int
 
 
 class LogError(ValueError):
-    """A log that cannot be used. The message is one line: what is wrong, where, what to do."""
+    """An unusable log. The message is one line: the problem, its place, and the fix."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class OdometryTrack:
         stamps: `[M]` seconds.
         poses: `[M, 3]` base pose in the odometry frame (m, m, rad).
         twists: `[M, 3]` base-frame velocities (m/s, m/s, rad/s); NaN where the log has none.
-        topic: the topic or message name it was read from.
+        topic: source topic or message name.
     """
 
     stamps: Float64[np.ndarray, "M"]
@@ -46,9 +46,9 @@ class ImuTrack:
         orientations: `[M, 4]` quaternion x, y, z, w of the IMU in its reference frame; NaN where absent.
         angular_velocities: `[M, 3]` rad/s.
         linear_accelerations: `[M, 3]` m/s².
-        rotation_base_imu: `[3, 3]` mounting, from the static transforms; identity where unknown.
-        mounting_known: whether the log itself says how the IMU is mounted.
-        topic: the topic it was read from.
+        rotation_base_imu: `[3, 3]` mounting, from the static transforms; identity if unknown.
+        mounting_known: whether the log contains the mounting of the IMU.
+        topic: source topic.
     """
 
     stamps: Float64[np.ndarray, "M"]
@@ -72,7 +72,7 @@ class JointTrack:
         names: `J` joint names.
         positions: `[M, J]` radians; NaN where absent.
         velocities: `[M, J]` rad/s; NaN where absent.
-        topic: the topic it was read from.
+        topic: source topic.
     """
 
     stamps: Float64[np.ndarray, "M"]
@@ -105,18 +105,18 @@ class ScanTrack:
 
     Attributes:
         stamps: `[T]` seconds.
-        ranges: `[T, B]` meters, as recorded; NaN where there is no beam or no return (the reader has
-            turned 0, negative, infinite and out-of-interval ranges into NaN).
-        num_beams: `[T]` beams each scan really had.
+        ranges: `[T, B]` meters, as recorded; NaN for no beam or no return (the reader replaces 0, negative,
+            infinite and out-of-interval ranges by NaN).
+        num_beams: `[T]` number of recorded beams of each scan.
         angle_min: `[T]` radians.
         angle_increment: `[T]` radians.
         range_min: smallest range the sensor reports, meters.
         range_max: ranges at or over this are no return, meters.
         pose_base_lidar: `[3]` mounting of the lidar (m, m, rad).
-        mounting_known: whether the log itself says how the lidar is mounted.
-        topic: the topic or message name it was read from.
-        time_increment: seconds from one beam to the next, the first one at the stamp; None where the log
-            does not say when within a scan its beams were taken.
+        mounting_known: whether the log contains the mounting of the lidar.
+        topic: source topic or message name.
+        time_increment: seconds from one beam to the next, the first one at the stamp; None if the log has no
+            times of beams within a scan.
     """
 
     stamps: Float64[np.ndarray, "T"]
@@ -137,12 +137,12 @@ class ScanTrack:
 
 @dataclass(frozen=True)
 class SensorLog:
-    """Everything a log file holds that this library can use.
+    """All tracks of a log file that this library can use.
 
     Attributes:
-        path: the file or folder it was read from, or a name for a simulated one.
-        odometry, imu, joints, fixes, scans: the tracks, or None where the log has none.
-        warnings: one line each, what was repaired or skipped while reading (with counts).
+        path: the file or folder of the log, or the name of a simulated log.
+        odometry, imu, joints, fixes, scans: the tracks, or None if the log has none.
+        warnings: one line per kind of repaired or skipped data, with counts.
         topics: message count by topic or message name, for everything in the file, used or not.
     """
 
@@ -172,17 +172,17 @@ class SensorLog:
 
         Args:
             start: seconds since the first scan.
-            end: the same; infinity for all that follows.
+            end: seconds since the first scan; infinity for the end of the log.
 
         Raises:
-            LogError: the log has no scan in that time.
+            LogError: the log has no scan in that interval.
         """
         if self.scans is None or not len(self.scans.stamps):
-            raise LogError(f"{self.path} has no scans: there is no time to count from")
+            raise LogError(f"{self.path} has no scans: times are counted from the first scan")
         first, last = self.scans.stamps[[0, -1]]
         if not ((self.scans.stamps >= first + start) & (self.scans.stamps <= first + end)).any():
             raise LogError(
-                f"{self.path} has no scan from {start} to {end} s: they go from 0 to {last - first:.1f} s"
+                f"{self.path} has no scan from {start} to {end} s: scans are from 0 to {last - first:.1f} s"
             )
         tracks = {name: getattr(self, name) for name in ("odometry", "imu", "joints", "fixes", "scans")}
         parts = {
@@ -195,7 +195,7 @@ class SensorLog:
 
 _Track = TypeVar("_Track", OdometryTrack, ImuTrack, JointTrack, FixTrack, ScanTrack)
 _MOUNTINGS = ("rotation_base_imu", "pose_base_lidar")
-"""The arrays of a track that have no row for each stamp."""
+"""Arrays of a track without one row per stamp."""
 
 
 def _within(track: _Track, start: float, end: float) -> _Track:

@@ -1,7 +1,6 @@
-"""Occupancy maps as ROS' map_server keeps them: a gray image and a yaml file beside it.
+"""Occupancy maps in the format of ROS map_server: a gray image and a yaml file beside it.
 
-Arrays `[H, W]` have row 0 at the lowest y, as everywhere in this library; images have it at the
-top.
+Arrays `[H, W]` have row 0 at the lowest y, as everywhere in this library; images have row 0 at the top.
 Format: http://wiki.ros.org/map_server and nav2_map_server.
 """
 
@@ -24,7 +23,7 @@ _MODES = ("trinary", "scale", "raw")
 
 
 class MapError(ValueError):
-    """A map that cannot be used. The message is one line: what is wrong, where, what to do."""
+    """An unusable map. The message is one line: the problem, its place, and the fix."""
 
 
 @dataclass(frozen=True)
@@ -33,10 +32,10 @@ class OccupancyMap:
 
     Attributes:
         occupied: `[H, W]` true where there is an obstacle.
-        free: `[H, W]` true where there is none; cells that are neither are unknown.
+        free: `[H, W]` true where there is no obstacle; all other cells are unknown.
         resolution: side of a cell, meters.
         origin: `[3]` pose of the outer corner of cell (0, 0) in the world (m, m, rad).
-        name: of the map in error messages, such as the path of its file.
+        name: name of the map in error messages, such as the path of its file.
     """
 
     occupied: Bool[np.ndarray, "H W"]
@@ -61,12 +60,12 @@ def write_map(
     occupied_threshold: float = OCCUPIED_THRESHOLD,
     free_threshold: float = FREE_THRESHOLD,
 ) -> None:
-    """Write a map that nav2's and ROS 1's map_server load: `NAME.yaml` and `NAME.pgm` beside it.
+    """Write a map for map_server of ROS 1 and nav2: `NAME.yaml` and `NAME.pgm` beside it.
 
     Pixels are 0 (occupied), 254 (free) and 205 (unknown).
 
     Args:
-        path: the yaml file; the image takes its name with the suffix `.pgm`.
+        path: the yaml file; the image has the same name with the suffix `.pgm`.
         occupancy_probability: `[H, W]` in [0, 1], row 0 at the lowest y; NaN is unknown. Above
             `occupied_threshold` a cell is occupied, below `free_threshold` free, else unknown.
         resolution: side of a cell, meters.
@@ -79,7 +78,7 @@ def write_map(
     """
     path = Path(path)
     if path.suffix not in (".yaml", ".yml"):
-        raise MapError(f"{path}: a map is written by the name of its yaml file: end it in .yaml")
+        raise MapError(f"{path}: not the name of a yaml file: end it in .yaml")
     _check_geometry(path, resolution, origin)
     _check_thresholds(path, free_threshold, occupied_threshold)
     if occupancy_probability.size == 0:
@@ -111,11 +110,11 @@ def write_map(
 def read_map(path: str | Path) -> OccupancyMap:
     """Read a map of map_server by the rules of nav2's loader.
 
-    Brightness is turned into occupancy (dark is occupied; `negate` turns it round), and that is
-    compared with the two thresholds. In mode `trinary` transparency counts as a color channel, and
-    the gray 205 is unknown whatever `free_thresh`: every map saver writes it for that, while nav2's
-    own default of 0.25 would call it free. In mode `scale` transparent pixels are unknown. In mode
-    `raw` a pixel of 0 to 100 is the occupancy in percent and any other is unknown.
+    Brightness is converted to occupancy (dark is occupied, light with `negate`) and compared with the two
+    thresholds. In mode `trinary`, transparency counts as a color channel, and the gray 205 is unknown
+    for every `free_thresh`: map savers write 205 for unknown, but nav2's default of 0.25 would make it
+    free. In mode `scale`, transparent pixels are unknown. In mode `raw`, pixels from 0 to 100 are the
+    occupancy in percent and all others are unknown.
 
     Args:
         path: the yaml file. `image` is relative to it or absolute, in any format that Pillow opens.
@@ -124,8 +123,8 @@ def read_map(path: str | Path) -> OccupancyMap:
         The map, row 0 at the lowest y.
 
     Raises:
-        MapError: the yaml file or the image is missing, cut or damaged; a key is missing; a value
-            is out of range. One line: what is wrong, where, what to do.
+        MapError: the yaml file or the image is missing or damaged, a key is missing, or a value is out of
+            range.
     """
     path = Path(path)
     entries = _read_yaml(path)
@@ -159,9 +158,9 @@ def read_map(path: str | Path) -> OccupancyMap:
 
 
 _FINEST, _COARSEST = 1e-4, 1e3
-"""Cells that a map of a place can have, meters."""
+"""Smallest and largest plausible side of a cell, meters."""
 _FARTHEST = 1e8
-"""Farther than any place on earth is from the origin of its coordinates, meters."""
+"""Largest plausible distance from the origin of the coordinates, meters."""
 
 
 def _read_image(path: Path) -> tuple[Float64[np.ndarray, "H W"], Float64[np.ndarray, "H W"]]:
@@ -197,7 +196,7 @@ def _occupancy(
     if mode == "scale":
         return shade if negate else 1 - shade, alpha == 1
     known = (np.rint(shade * 255) != _UNKNOWN_PIXEL) | (alpha < 1)
-    if (alpha < 1).any():  # As the loader: alpha is averaged in where the image has it.
+    if (alpha < 1).any():  # Like nav2's loader, average alpha in if the image has it.
         shade = (3 * shade + alpha) / 4
     return shade if negate else 1 - shade, known
 

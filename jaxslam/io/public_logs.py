@@ -1,4 +1,4 @@
-"""The public logs that `jaxslam fetch` downloads: where they are, what they are good for, their license."""
+"""The public logs that `jaxslam fetch` downloads: their location, use and license."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -37,10 +37,10 @@ class PublicLog:
     Attributes:
         name: name to give to `jaxslam fetch`; the converted files begin with it.
         title: place and sensors.
-        use: what the log is good for, and what it is not.
-        license: license of the repository, and where the data come from.
-        files: what is downloaded, in the order that the conversion expects.
-        conversion: how the files are converted.
+        use: recommended use of the log, and its limits.
+        license: license of the repository, and origin of the data.
+        files: files to download, in the order that the conversion expects.
+        conversion: conversion of the files.
         command: the jaxslam command to try next.
     """
 
@@ -110,7 +110,7 @@ PUBLIC_LOGS = {
         PublicLog(
             "csail",
             "MIT CSAIL, third floor: SICK lidar, 7 min, raw wheel odometry",
-            "Comparison with another program's trajectory, which is no ground truth.",
+            "Comparison with another program's trajectory, which is not ground truth.",
             _RADISH,
             (
                 _benchmark_file(

@@ -1,13 +1,13 @@
-"""Cleaning range readings: what is "no return", and a maximum range that a log does not name."""
+"""Cleaning of range readings: detection of "no return", and of a maximum range missing from the log."""
 
 import numpy as np
 from jaxtyping import Float, Float32, Float64
 
-# SICK LMS scanners send these integers at the top of their 13, 14 and 15 bit range instead of a
-# distance: dazzled, overflow, no echo. The unit is 1 mm or 1 cm by configuration.
+# Status codes of SICK LMS scanners (dazzled, overflow, no echo): the largest integers of 13, 14 and
+# 15 bits. The unit is 1 mm or 1 cm, depending on the configuration.
 SICK_CODES = tuple((2**bits - 9, 2**bits - 1) for bits in (13, 14, 15))
 
-# A saturated reading is believed to be one where it fills this many scans twice or more.
+# A saturated reading must appear twice or more in at least this many scans.
 SATURATED_SCANS = 3
 
 
@@ -28,17 +28,17 @@ def clean_ranges(
 def saturated_reading(ranges: Float64[np.ndarray, "T B"]) -> float | None:
     """Return the reading, in meters, from which a sensor of unknown maximum range reports no return.
 
-    Two signs, in this order. The largest reading is one of the SICK LMS' status codes (8.183 to
-    8.191 m, 81.83 to 81.91 m, and the same for 14 and 15 bits): the smallest code of that interval
-    is the answer. Or the largest reading is saturated: it stands several times in one scan, in
-    three scans or more, and is more frequent than everything in the tenth below it; at a wall
-    that happens to be the farthest there are readings just below.
+    There are two criteria, in this order. If the largest reading is a status code of the SICK LMS
+    (8.183 to 8.191 m, 81.83 to 81.91 m, and the same for 14 and 15 bits), the result is the smallest
+    code of that interval. If the largest reading is saturated, the result is that reading. It is
+    saturated if it appears several times per scan in three scans or more, and more often than all
+    readings in the 10 % below it; a farthest wall would also cause readings just below.
 
     Args:
-        ranges: `[T, B]` readings as recorded, NaN where there is no beam.
+        ranges: `[T, B]` readings as recorded, NaN for no beam.
 
     Returns:
-        The smallest reading that means "no return", or None where neither sign is there.
+        The smallest reading that means "no return", or None if neither criterion is met.
     """
     finite = np.isfinite(ranges) & (ranges > 0)
     if not finite.any():

@@ -1,4 +1,4 @@
-"""One reader for every kind of log, chosen by what the file is."""
+"""One reader for every kind of log, chosen by the content of the file."""
 
 from pathlib import Path
 
@@ -27,22 +27,21 @@ def read_log(
 ) -> SensorLog:
     """Read a log of any kind; see `read_carmen` and `read_bag`.
 
-    The content decides (gzip, ROS 1 bag, MCAP, SQLite), then the suffix.
+    The kind is detected from the content (gzip, ROS 1 bag, MCAP, SQLite), then from the suffix.
 
     Args:
         path: the log file, or the folder of a ROS 2 bag.
-        scan_topic: of a bag: topic of the scans; None chooses, for this and the other topics.
-        odometry_topic: of a bag: topic of the wheel odometry.
-        imu_topic: of a bag: topic of the inertial measurements.
-        joint_topic: of a bag: topic of the wheel angles.
-        fix_topic: of a bag: topic of the satellite fixes.
+        scan_topic: topic of the scans (bags only); None detects this and the other topics.
+        odometry_topic: topic of the wheel odometry (bags only).
+        imu_topic: topic of the inertial measurements (bags only).
+        joint_topic: topic of the wheel angles (bags only).
+        fix_topic: topic of the satellite fixes (bags only).
 
     Returns:
-        The log; tracks it has nothing for are None.
+        The log; tracks without data are None.
 
     Raises:
-        LogError: the file is not there, of no known kind, or cannot be used; topics were given for
-            a log that has none. One line: what is wrong, where, what to do.
+        LogError: the file is missing, of unknown kind or unusable, or topics were given for a CARMEN log.
     """
     path = Path(path)
     topics = {

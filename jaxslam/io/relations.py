@@ -15,7 +15,7 @@ from jaxslam.io.tum import read_number_rows
 
 @dataclass(frozen=True)
 class Relations:
-    """Relative poses known to be right.
+    """Relative poses known from the ground truth.
 
     Attributes:
         stamps_from: `[R]` seconds, time of pose i.
@@ -38,7 +38,7 @@ def read_relations(path: str | Path) -> Relations:
         The relations in the order of the file.
 
     Raises:
-        LogError: the file is missing, empty, or one of its lines is not a relation (says which).
+        LogError: the file is missing or empty, or a line is not a relation (the message has its number).
     """
     rows = read_number_rows(Path(path), 8, "t1 t2 x y z roll pitch yaw")
     table = np.array([row for _, row in rows], dtype=np.float64)

@@ -1,17 +1,17 @@
-"""Repairing time stamps: sorting jitter, refusing clocks that jump back, spreading repeats."""
+"""Repair of time stamps: sort jitter, detect clocks that jump back, spread repeated stamps."""
 
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
-# Messages of several processes reach a logger out of order by milliseconds, over a network by a few
-# tenths of a second. A clock that was set back jumps by more, and then no order is the right one.
+# Messages of several processes reach a logger out of order by milliseconds, or over a network by a few
+# tenths of a second. A clock that was set back jumps by more; then the true order is unknown.
 MAX_BACKWARD_S = 1.0
 
 
 class BackwardSteps(NamedTuple):
-    """How far stamps run backwards.
+    """Extent of backward steps in stamps.
 
     Attributes:
         num_backward: number of stamps smaller than an earlier one.
@@ -39,11 +39,11 @@ def sorting_order(stamps: Float64[np.ndarray, "M"]) -> Int64[np.ndarray, "M"]:
 
 
 def spread_repeats(stamps: Float64[np.ndarray, "M"]) -> tuple[Float64[np.ndarray, "M"], int]:
-    """Make sorted stamps strictly increasing by spreading runs of equal ones.
+    """Make sorted stamps strictly increasing by spreading runs of equal stamps.
 
-    A run of k equal stamps is spread evenly up to the next stamp; a run at the end goes on with the
-    median period. Readings are taken one after the other even where the clock did not advance, so
-    this is nearer to the truth than a time step of zero, which no motion model can use.
+    A run of k equal stamps is spread evenly up to the next stamp; a run at the end continues with the
+    median period. Readings follow one another even if the clock does not advance, so this is closer to
+    the truth than a time step of zero, which a motion model cannot use.
 
     Args:
         stamps: `[M]` seconds, not decreasing.

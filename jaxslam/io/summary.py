@@ -1,4 +1,4 @@
-"""What is in a log, as text for people: `jaxslam info LOG`."""
+"""Text summary of a log: `jaxslam info LOG`."""
 
 import textwrap
 from collections.abc import Sequence
@@ -13,22 +13,22 @@ from jaxslam.io.log import FixTrack, ImuTrack, JointTrack, OdometryTrack, ScanTr
 _WIDTH = 100
 _INDENT = 14
 _NUM_GAPS = 3
-# A pause is worth a word from three times the usual period on; below, a track just jitters.
+# Pauses are listed from this number of usual periods; shorter ones are jitter.
 _GAP_PERIODS = 3.0
 
 
 def summarize(log: SensorLog) -> str:
     """Describe a log in plain text of at most 100 columns.
 
-    For every track: number of messages, duration, rate, gaps; of the scans also beams, field of
-    view, range interval, share of beams with a return and mounting; of the odometry path length
-    and net rotation. Then what was not used, and the reader's warnings.
+    For every track: number of messages, duration, rate, gaps. For scans also beams, field of view,
+    range interval, share of beams with a return and mounting; for the odometry path length and net
+    rotation. At the end: unused topics and the reader's warnings.
 
     Args:
         log: any log.
 
     Returns:
-        Lines joined by newlines, without one at the end.
+        Lines joined by newlines, without a newline at the end.
     """
     lines = _wrap("log", str(log.path))
     lines += _scan_lines(log.scans)
@@ -49,7 +49,7 @@ def summarize(log: SensorLog) -> str:
 def _used_topics(log: SensorLog) -> set[str]:
     tracks = (log.odometry, log.imu, log.joints, log.fixes, log.scans)
     used = {name for track in tracks if track is not None for name in track.topic.split(" and ")}
-    # A CARMEN log's parameters and a bag's static transforms have gone into the tracks.
+    # A CARMEN log's parameters and a bag's static transforms are used in the tracks.
     return used | {"PARAM"} | {topic for topic in log.topics if topic.endswith("tf_static")}
 
 
@@ -108,7 +108,7 @@ def _scan_lines(scans: ScanTrack | None) -> list[str]:
         f"{share:.1%} of the beams have a return",
     )
     x, y, theta = scans.pose_base_lidar
-    source = "" if scans.mounting_known else " (assumed: the log does not say)"
+    source = "" if scans.mounting_known else " (assumed: not in the log)"
     angle = np.rad2deg(theta)
     lines += _wrap("", f"lidar at x {x:.3f} m, y {y:.3f} m, heading {angle:.1f}°{source}")
     return lines + _gap_lines(scans.stamps)

@@ -21,7 +21,7 @@ def write_tum(
         path: file to write; an existing one is replaced.
         stamps: `[M]` seconds, written with microseconds.
         poses: `[M, 3]` x m, y m, theta rad, written to a micrometer and 1e-9 in the quaternion.
-        comment: text for the head of the file; each of its lines becomes a comment.
+        comment: text for the head of the file; each line becomes a comment.
 
     Raises:
         ValueError: a stamp or pose is not finite.
@@ -42,7 +42,7 @@ def write_tum(
 
 
 def read_tum(path: str | Path) -> Trajectory:
-    """Read a trajectory; one in 3-D is projected to x, y and the yaw of its heading.
+    """Read a trajectory; 3-D poses are projected to x, y and yaw.
 
     Args:
         path: file to read. Fields are separated by blanks or commas.
@@ -51,7 +51,7 @@ def read_tum(path: str | Path) -> Trajectory:
         Stamps `[M]` in seconds, in the order of the file, and poses `[M, 3]`.
 
     Raises:
-        LogError: the file is missing, empty, or one of its lines is not a pose (says which).
+        LogError: the file is missing or empty, or a line is not a pose (the message has its number).
     """
     path = Path(path)
     rows = read_number_rows(path, 8, "timestamp tx ty tz qx qy qz qw")
@@ -72,8 +72,8 @@ def read_number_rows(path: Path, columns: int, names: str) -> list[tuple[int, li
 
     Args:
         path: text file; blank lines and lines that start with `#` are skipped.
-        columns: numbers a line has.
-        names: the columns by name, for the error message.
+        columns: number of columns.
+        names: names of the columns, for the error message.
 
     Raises:
         LogError: the file cannot be read, has no row, or a line is not `columns` finite numbers.

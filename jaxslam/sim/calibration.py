@@ -11,7 +11,7 @@ def calibration_distances(lidar: Lidar, step: float = 0.1) -> Float[Array, "D"]:
     shortest, longest = float(lidar.range_min), float(lidar.range_max)
     if not (step > 0 and longest > shortest):
         raise ValueError(f"step {step} between {shortest} and {longest} m: give a positive step and span")
-    # Half a step short of the end, or the last two would be one.
+    # Stop half a step before the end, so that the last two distances differ.
     return jnp.append(jnp.arange(shortest, longest - step / 2, step, dtype=jnp.float32), longest)
 
 
@@ -21,13 +21,13 @@ def calibration_run(
     """Simulate the readings of the beam that faces a wall, at each distance.
 
     Args:
-        key: of the noise.
-        lidar: noise and bias of it.
+        key: PRNG key of the noise.
+        lidar: the lidar, with noise and bias.
         distances: `[D]` true distances, meters.
-        num_readings: R, at each.
+        num_readings: number of readings R at each distance.
 
     Returns:
-        Readings `[D, R]` in meters, 0 where there was none, and whether there was one: near the limits of the
-        range some are lost.
+        Readings `[D, R]` in meters, 0 where invalid, and a mask of valid readings. Some readings near the
+        limits of the range are invalid.
     """
     return lidar.measure(key, jnp.broadcast_to(distances[:, None], (len(distances), num_readings)))

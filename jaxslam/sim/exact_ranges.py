@@ -12,18 +12,18 @@ def cast_scan(
 ) -> Float[Array, "B"]:
     """Return the distance to the nearest segment along each ray from one pose.
 
-    The end points of every segment are written in the frame of the ray; a segment is hit where they
-    lie on opposite sides of it. Two segments that share a corner compute the same number for it, so
-    no ray slips between them.
+    The end points of every segment are transformed to the frame of the ray; a segment is hit if they
+    lie on opposite sides of the ray. Two segments that share a corner compute the same number for it,
+    so no ray passes between them.
 
     Args:
         world: the segments, `[S, 4]` meters.
-        pose_world_lidar: `[3]` where the rays start: m, m, rad.
+        pose_world_lidar: `[3]` start of the rays: m, m, rad.
         angles: `[B]` directions in the lidar frame, radians.
 
     Returns:
-        `[B]` meters; infinity where a ray hits nothing. Accurate to about 1e-6 of the distance to
-        the ends of the segment that is hit (float32).
+        `[B]` meters; infinity if a ray hits no segment. Accurate to about 1e-6 of the distance to
+        the ends of the segment (float32).
 
     Example:
         From the middle of a 4 × 2 m room, the rays at 0 and π/2 measure 2 and 1.
@@ -40,7 +40,7 @@ def cast_scan(
     in_line = span == 0
     fraction = side_first / jnp.where(in_line, 1.0, span)
     distance = along_first + fraction * (along_second - along_first)
-    # A segment seen end-on: its nearer end, or 0 from within it.
+    # For a segment in line with the ray: its nearer end, or 0 from within the segment.
     end_on = jnp.minimum(along_first, along_second)
     end_on = jnp.where(jnp.maximum(along_first, along_second) >= 0, jnp.maximum(end_on, 0.0), -1.0)
     distance = jnp.where(in_line, end_on, distance)
@@ -58,7 +58,7 @@ def cast_rays(
         angles: `[B]` directions in the lidar frame, radians.
 
     Returns:
-        `[T, B]` meters; infinity where a ray hits nothing.
+        `[T, B]` meters; infinity if a ray hits no segment.
     """
     return jax.lax.map(lambda pose: cast_scan(world, pose, angles), poses_world_lidar)
 

@@ -11,13 +11,13 @@ from jaxslam.sim.robot import Drive
 
 
 class Inertial(eqx.Module):
-    """What the IMU reported.
+    """Samples of the IMU.
 
     Attributes:
         yaw_rates: `[M]` rad/s.
         headings: `[M]` radians in [−π, π), relative to the true heading at the start.
-        rate_biases: `[M]` true bias of the yaw rate, rad/s (truth that no filter sees).
-        heading_biases: `[M]` true bias of the heading, radians (truth that no filter sees).
+        rate_biases: `[M]` true bias of the yaw rate, rad/s (not visible to filters).
+        heading_biases: `[M]` true bias of the heading, radians (not visible to filters).
     """
 
     yaw_rates: Float[Array, "*batch M"]
@@ -29,9 +29,9 @@ class Inertial(eqx.Module):
 class Imu(eqx.Module):
     """Yaw rate and heading, each with white noise, a bias and a random walk of that bias.
 
-    The heading is that of a unit which fuses its own sensors: it starts at 0, does not follow the
-    integral of the reported rate, and its error is a slow walk. Defaults are of the order of a
-    calibrated consumer (MEMS) unit.
+    The heading models a unit that fuses its own sensors: it starts at 0, differs from the integral of
+    the reported rate, and its error is a slow random walk. The defaults are typical of a calibrated
+    consumer (MEMS) unit.
 
     Attributes:
         rate_noise_density: white noise of the yaw rate, (rad/s)/√Hz; one sample has the standard

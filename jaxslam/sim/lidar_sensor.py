@@ -1,4 +1,4 @@
-"""A planar lidar, and presets for the usual ones."""
+"""A planar lidar, and presets of common models."""
 
 import math
 from collections.abc import Callable
@@ -19,26 +19,25 @@ from jaxslam.sim.worlds.world import World
 class Lidar(eqx.Module):
     """Beam geometry, limits and noise of a lidar.
 
-    A reading goes through these stages: true distance → short reading (something in the way) →
+    A reading goes through these stages: true distance → short reading (an unmapped obstacle) →
     bias → noise → drop-out → limits. Noise is Gaussian with variance
-    `sigma_constant² + (sigma_proportional · (distance − proportional_from))²`, the second term from there on.
-    Scans are instantaneous: all beams of one are taken from the pose at its stamp, without motion
-    distortion.
+    `sigma_constant² + (sigma_proportional · max(distance − proportional_from, 0))²`.
+    Scans are instantaneous: all beams start from the pose at the stamp, without motion distortion.
 
     Attributes:
         num_beams: number of beams `B` (static).
         angle_min: angle of beam 0 in the lidar frame, radians.
-        angle_increment: from one beam to the next, radians (negative: clockwise).
+        angle_increment: angle from one beam to the next, radians (negative: clockwise).
         range_min: shorter readings are no return, meters.
         range_max: readings at or over this are no return, meters.
-        sigma_constant: meters.
-        sigma_proportional: fraction of the distance.
-        proportional_from: distance at which that begins, meters.
-        dropout_probability: chance of a beam to return nothing although it hit something.
-        short_probability: chance of a beam to end on something that is not in the world (a person)
-            at a distance uniform between 0 and the true one; 0 turns it off.
+        sigma_constant: constant part of the standard deviation, meters.
+        sigma_proportional: proportional part of the standard deviation, as a fraction of the distance.
+        proportional_from: distance at which the proportional part begins, meters.
+        dropout_probability: probability that a beam has no return although it hits something.
+        short_probability: probability that a beam ends on an object missing from the world (a person),
+            at a distance uniform between 0 and the true one; 0 disables it.
         pose_base_lidar: mounting on the robot's base: m, m, rad.
-        bias: mean reading minus distance; None for a lidar without.
+        bias: mean reading minus distance; None for no bias.
         rate: scans per second (static).
     """
 
@@ -70,8 +69,8 @@ class Lidar(eqx.Module):
         """Simulate scans `[T, B]` of a world from true base poses.
 
         Args:
-            key: draws noise, drop-outs and short readings.
-            world: what there is to see.
+            key: PRNG key of noise, drop-outs and short readings.
+            world: the world to scan.
             poses: `[T, 3]` base poses in the world frame: m, m, rad.
         """
         count = poses.shape[0]
@@ -90,17 +89,17 @@ class Lidar(eqx.Module):
     def measure(
         self, key: PRNGKeyArray, distances: Float[Array, "T B"]
     ) -> tuple[Float[Array, "T B"], Bool[Array, "T B"]]:
-        """Turn true distances `[T, B]` (meters, infinite where nothing is) into readings.
+        """Turn true distances `[T, B]` (meters, infinite if nothing is hit) into readings.
 
         Returns:
-            Ranges `[T, B]` in meters, 0 where there is none, and whether there is one.
+            Ranges `[T, B]` in meters, 0 where invalid, and a mask of valid readings.
         """
         normal = standard_normal(key, (4, *distances.shape))
         noise = normal[0]
         chance_short, where_short, chance_dropout = ndtr(normal[1:])
         reach = jnp.minimum(distances, self.range_max)
         seen = jnp.where(chance_short < self.short_probability, reach * where_short, distances)
-        # Where nothing is hit the distance is infinite: kept out of the arithmetic only.
+        # Keep infinite distances (nothing is hit) out of the arithmetic.
         finite = jnp.where(jnp.isfinite(seen), seen, 0.0)
         growing = jnp.maximum(finite - self.proportional_from, 0.0)
         sigma = jnp.hypot(jnp.asarray(self.sigma_constant), self.sigma_proportional * growing)
@@ -115,8 +114,8 @@ class Lidar(eqx.Module):
         return jnp.where(valid, measured, 0.0), valid
 
 
-# Data sheets promise an interval ("±"): its half width is read as three standard deviations, a
-# plain "~1 %" as one. Drop-outs are left at 0: no data sheet gives them.
+# Data sheets give an interval ("±"): its half width is taken as three standard deviations, a plain
+# "~1 %" as one. Drop-outs stay at 0, because no data sheet gives them.
 
 
 def sick(*, num_beams: int = 181) -> Lidar:
@@ -168,8 +167,8 @@ def lds_01(bias: RangeBias | None = None) -> Lidar:
     """Return an LDS-01 on a TurtleBot3: 360 beams, 0.12–3.5 m, ±10 mm to 0.5 m, then up to ±3.5 %, 5 Hz.
 
     Args:
-        bias: of one device, as `draw_lds_01_bias` draws it: accuracy (±15 mm, ±5 %), where the numbers above
-            are precision. None for a device without.
+        bias: bias of one device, as drawn by `draw_lds_01_bias`: its accuracy (±15 mm, ±5 %), whereas the
+            numbers above are its precision. None for no bias.
     """
     return Lidar(
         num_beams=360,

@@ -1,4 +1,4 @@
-"""What a cheap lidar is off by, distance by distance."""
+"""Range bias of a low-cost lidar, as a function of the distance."""
 
 import equinox as eqx
 import jax
@@ -10,11 +10,11 @@ from jaxslam.sim.numeric import Scalar
 _NUM_KNOTS = 71
 _NUM_WAVES = 4
 _KINK = 0.5
-"""Where the LDS-01's accuracy begins to grow, meters."""
+"""Distance from which the LDS-01's accuracy interval grows, meters."""
 
 
 class RangeBias(eqx.Module):
-    """A bias that depends on the distance, the same in every reading of one device.
+    """A bias that depends on the distance and is the same in every reading of one device.
 
     Attributes:
         distances: `[K]` true distances, increasing, meters.
@@ -46,17 +46,17 @@ def draw_lds_01_bias(
 ) -> RangeBias:
     """Draw the bias of one LDS-01: a few waves over the distance, within the data sheet's accuracy.
 
-    Triangulation goes wrong smoothly, by an amount that grows with the distance; how is a matter of how
-    the one device was put together.
+    Errors of triangulation are smooth and grow with the distance; their shape depends on the assembly of the
+    individual device.
 
     Args:
-        key: of the device.
-        share: of the accuracy that the bias reaches where it is worst, 0 to 1.
-        shortest: distance that the lidar measures, meters.
-        longest: and the farthest, meters.
+        key: PRNG key of the device.
+        share: largest ratio of the bias to the accuracy, 0 to 1.
+        shortest: shortest distance that the lidar measures, meters.
+        longest: longest distance that the lidar measures, meters.
     """
     key_phase, key_weight = jax.random.split(key)
-    # With one where the accuracy has its kink: it would be exceeded between its neighbors.
+    # A knot at the kink of the accuracy: without it, the bias could exceed the accuracy between two knots.
     distances = jnp.sort(jnp.append(jnp.linspace(shortest, longest, _NUM_KNOTS), _KINK))
     # From one wave over the whole range to one in 0.8 m.
     waves = 0.5 + jnp.arange(_NUM_WAVES, dtype=jnp.float32) * 1.25

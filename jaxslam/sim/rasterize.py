@@ -1,4 +1,4 @@
-"""A world as cells of a grid: what a map of it should look like (host)."""
+"""Rasterization of a world to the cells of a grid: the ideal map (host)."""
 
 import numpy as np
 from jaxtyping import Array, Bool, Float, Float64, Int
@@ -9,11 +9,11 @@ from jaxslam.sim.worlds.world import World
 
 
 def rasterize(world: World, spec: GridSpec) -> Bool[np.ndarray, "H W"]:
-    """Mark every cell that a segment runs through.
+    """Mark every cell that a segment crosses.
 
     A cell spans [lower, upper) on both axes, so a wall exactly on the line between two cells
-    belongs to the upper one; a cell that is only touched at a corner stays unmarked. What lies
-    outside the grid is left out.
+    belongs to the upper one. A cell that is only touched at a corner stays unmarked. Segments
+    outside the grid are ignored.
 
     Args:
         world: the segments, meters.
@@ -24,7 +24,7 @@ def rasterize(world: World, spec: GridSpec) -> Bool[np.ndarray, "H W"]:
     """
     segments = np.asarray(world.segments, np.float64).reshape(-1, 2, 2)
     ends = (segments - np.asarray(spec.origin, np.float64)) / float(spec.resolution)
-    # float32 coordinates miss the grid lines they mean by some 1e-5 cells.
+    # float32 coordinates that should lie on grid lines are about 1e-5 cells off.
     ends = np.where(np.abs(ends - np.round(ends)) < 1e-4, np.round(ends), ends)
     occupied = np.zeros((spec.height, spec.width), bool)
     for start, end in ends:
@@ -62,12 +62,12 @@ def observable(
 ) -> tuple[Bool[np.ndarray, "H W"], Bool[np.ndarray, "H W"]]:
     """Return the occupied and free cells `[H, W]` that a robot starting at `start` can observe.
 
-    Free cells are those reachable from `start`; of the occupied ones only those that touch one of
-    them by a side or a corner count. The inside of machines and all beyond the walls is neither.
+    Free cells are reachable from `start`; occupied cells touch a free cell by a side or a corner. Cells
+    inside machines and beyond the walls are neither.
 
     Args:
         world: the segments, meters.
-        spec: size and placement of the grid; it should cover the world, or the outside is reachable
+        spec: size and placement of the grid. It should cover the world; otherwise the outside is reachable
             through the missing wall.
         start: `[2]` a position in free space, meters.
 

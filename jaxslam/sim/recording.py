@@ -20,9 +20,9 @@ class Truth:
     """The ground truth of a simulated drive.
 
     Attributes:
-        stamps: `[T]` seconds, of the scans.
-        poses: `[T, 3]` true base poses at them (m, m, rad, world frame).
-        world: the world that was driven in.
+        stamps: `[T]` stamps of the scans, seconds.
+        poses: `[T, 3]` true base poses at the stamps (m, m, rad, world frame).
+        world: the world of the drive.
     """
 
     stamps: Float64[np.ndarray, "T"]
@@ -61,11 +61,11 @@ def drive(
         lidar: beams and noise; None is a SICK LMS-200 with 181 beams.
 
     Returns:
-        The log, whose odometry starts at the true pose, so that a map made from it lies on the world; and
-        the truth.
+        The log and the ground truth. The odometry starts at the true pose, so that a map made from the log is
+        aligned with the world.
 
     Raises:
-        ValueError: there is no such world, a leg of the tour comes too near to a wall, or the drive is too
+        ValueError: the world is unknown, a leg of the tour comes too near to a wall, or the drive is too
             short for one scan.
     """
     place, waypoints = make_world(world) if isinstance(world, str) else world

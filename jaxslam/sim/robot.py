@@ -11,20 +11,20 @@ from jaxslam.sim.numeric import Scalar, compensated_add
 
 
 class Robot(eqx.Module):
-    """What the robot can do and how it steers.
+    """Limits and steering of the robot.
 
-    It keeps to the straight leg between two way-points by aiming at a point `lookahead` ahead on
-    it, slows down for the turn at the leg's end and for heading errors, and turns in place where it
-    must.
+    The robot follows the straight leg between two way-points by aiming at a point `lookahead` ahead
+    on it. It slows down for the turn at the leg's end and for heading errors, and turns in place if
+    necessary.
 
     Attributes:
-        radius: of the circle around the robot, meters.
+        radius: radius of the circle around the robot, meters.
         max_speed: meters per second.
-        max_acceleration: of the speed, up and down, m/s².
+        max_acceleration: largest acceleration and deceleration, m/s².
         max_yaw_rate: rad/s.
         max_yaw_acceleration: rad/s².
-        lookahead: distance of the point it aims at, meters.
-        switch_distance: how far before a way-point it turns to the next leg, meters.
+        lookahead: distance of the aim point, meters.
+        switch_distance: distance to a way-point at which the next leg begins, meters.
         steering_gain: yaw rate per heading error, 1/s.
         rate: steps of control and of physics per second (static).
     """
@@ -50,8 +50,8 @@ class Drive(eqx.Module):
     Attributes:
         poses: `[P, 3]` base pose in the world frame: m, m, rad.
         velocities: `[P, 3]` base-frame velocity during the step that follows: m/s, m/s (0), rad/s.
-        targets: `[P]` number of the leg being driven; it never falls, and `targets[-1]` way-points
-            have been passed.
+        targets: `[P]` number of the current leg; it never decreases, and `targets[-1]` is the number of
+            passed way-points.
         rate: steps per second (static).
     """
 
@@ -63,7 +63,7 @@ class Drive(eqx.Module):
     def at(self, times: Float64[np.ndarray, "M"]) -> tuple[Float[Array, "M 3"], Float[Array, "M 3"]]:
         """Return exact true poses and base-frame velocities `[M, 3]` at any times in seconds.
 
-        Times are host values, so that they keep float64; those outside the drive are an error.
+        Times are host values, so that they keep float64; times outside the drive raise an error.
         """
         last = self.poses.shape[0] - 1
         if times.size and not (times.min() >= 0 and times.max() * self.rate <= last + 1e-6):
@@ -71,7 +71,7 @@ class Drive(eqx.Module):
                 f"times from {times.min()} to {times.max()} s leave the drive of "
                 f"{last / self.rate} s: simulate a longer duration"
             )
-        # The tolerance keeps a time meant to be on a step from falling to the one before.
+        # With the tolerance, a time that should lie on a step is not rounded down to the previous one.
         step = np.clip(np.floor(times * self.rate + 1e-6), 0, last).astype(int)
         remainder = jnp.asarray(np.maximum(times - step / self.rate, 0.0), jnp.float32)
         velocities = self.velocities[step]
@@ -88,7 +88,7 @@ class _State(eqx.Module):
 
 
 def advance(pose: Float[Array, "3"], velocity: Float[Array, "3"], duration: Scalar) -> Float[Array, "3"]:
-    """Move a pose at a constant base-frame velocity (vx, 0, ω) for `duration` s: an exact arc.
+    """Move a pose at a constant base-frame velocity (vx, 0, ω) for `duration` s, along an exact arc.
 
     Example:
         From the origin at 1 m/s and π/2 rad/s for 1 s: (2/π, 2/π, π/2).
@@ -118,11 +118,11 @@ def start_pose(waypoints: Float64[np.ndarray, "W 2"]) -> Float64[np.ndarray, "3"
 
 
 def follow_tour(robot: Robot, waypoints: Float[Array, "W 2"], num_steps: int) -> Drive:
-    """Drive round a closed tour of way-points, again and again, from rest at the first one.
+    """Drive repeatedly round a closed tour of way-points, from rest at the first one.
 
     Args:
         robot: limits and steering.
-        waypoints: `[W, 2]` meters, world frame; after the last one comes the first.
+        waypoints: `[W, 2]` meters, world frame; the first follows the last.
         num_steps: steps to simulate, `robot.rate` per second (static).
 
     Returns:
@@ -164,9 +164,9 @@ def _command(robot: Robot, waypoints: Float[Array, "W 2"], state: _State) -> _St
     corner_speed = robot.max_speed * jnp.clip(1.0 - turn / (jnp.pi / 2), 0.2, 1.0)
     to_corner = jnp.maximum(remaining - robot.switch_distance, 0.0)
     braking = jnp.sqrt(corner_speed**2 + 2 * robot.max_acceleration * to_corner)
-    # Full speed when it points the right way, none beyond one radian: it then turns in place.
+    # Full speed without heading error; beyond one radian the robot turns in place.
     speed = jnp.minimum(robot.max_speed * jnp.clip(1.0 - jnp.abs(error), 0.0, 1.0), braking)
-    # The second bound is what it can still brake from before it faces the aim.
+    # The second bound is the largest yaw rate that can be braked before the robot faces the aim.
     yaw_rate = jnp.sign(error) * jnp.minimum(
         jnp.minimum(robot.steering_gain * jnp.abs(error), robot.max_yaw_rate),
         jnp.sqrt(robot.max_yaw_acceleration * jnp.abs(error)),

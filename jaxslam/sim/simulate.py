@@ -1,4 +1,4 @@
-"""A whole drive: true motion, wheel odometry, IMU and lidar, on the device and as a log."""
+"""Simulation of a drive: true motion, wheel odometry, IMU and lidar, on the device and as a log."""
 
 import math
 from functools import partial
@@ -19,13 +19,13 @@ from jaxslam.sim.robot import Drive, Robot, follow_tour
 from jaxslam.sim.wheel_odometry import Odometry, WheelOdometry
 from jaxslam.sim.worlds.world import World, leg_clearances
 
-# Clearance that a tour must leave beyond the robot's radius, meters: with the default steering it
-# strays up to 0.10 m from a leg.
+# Clearance of a tour beyond the robot's radius, meters: with the default steering, the robot deviates
+# up to 0.10 m from a leg.
 TOUR_MARGIN = 0.2
 
 
 class Simulation(eqx.Module):
-    """A drive and what the sensors reported of it. Sensors are read at their own times.
+    """A drive and the readings of its sensors, each at its own times.
 
     Attributes:
         drive: the true motion at the robot's rate.
@@ -33,7 +33,7 @@ class Simulation(eqx.Module):
         inertial: the IMU's samples.
         scans: `T` scans, `[T, B]`; instantaneous, without motion distortion.
         scan_poses: `[T, 3]` true base poses at the scans, world frame: the reference trajectory.
-        robot, wheels, imu, lidar: the models that made it.
+        robot, wheels, imu, lidar: the models of the simulation.
         duration: seconds (static).
     """
 
@@ -70,7 +70,7 @@ def sample_times(rate: float, duration: float, *, phase: float) -> Float64[np.nd
     Example:
         Rate 2 Hz, duration 1 s: 0, 0.5, 1 at phase 0; 0.25, 0.75 at phase 0.5.
     """
-    # The tolerance keeps a sample that falls on the end itself.
+    # The tolerance keeps a sample that lies exactly at the end.
     count = math.floor(duration * rate - phase + 1e-9) + 1
     return (np.arange(count) + phase) / rate
 
@@ -86,16 +86,16 @@ def simulate(
     lidar: Lidar | None = None,
     duration: float = 200.0,
 ) -> Simulation:
-    """Drive a robot through a world and records what its sensors report.
+    """Drive a robot through a world and record the readings of its sensors.
 
-    The drive follows from the way-points alone; the key draws all errors and noise. One compilation
-    serves every key, every world and tour of the same size and every float of the models; the
-    number of beams, the rates and the duration are static. Vmap over keys with the rest fixed.
+    The drive depends on the way-points only; the key draws all errors and noise. One compilation serves
+    all keys, all worlds and tours of the same size and all floats of the models. The number of beams, the
+    rates and the duration are static. Vmap over keys with the rest fixed.
 
     Args:
         key: the same key gives the same bytes.
         world: the segments, meters.
-        waypoints: `[W, 2]` closed tour, meters; driven again and again until the time is up.
+        waypoints: `[W, 2]` closed tour, meters; repeated until the end of the duration.
         robot: limits and steering; None for the defaults, as for the sensors.
         wheels: encoders and their errors.
         imu: noise and biases.
@@ -158,10 +158,10 @@ def to_log(
 
     Args:
         simulation: one drive, without batch axes.
-        name: stands where the path of a file would.
+        name: name of the log, in place of a file's path.
         start_stamp: Unix time of the start, seconds.
-        in_world_frame: let the odometry start at the true pose instead of its own zero, so that a map made
-            from it lies on the world.
+        in_world_frame: start the odometry at the true pose instead of zero, so that a map made from the log
+            is aligned with the world.
     """
     odometry_stamps = start_stamp + simulation.odometry_times
     scan_stamps = start_stamp + simulation.scan_times
@@ -249,7 +249,7 @@ def _check(
         raise ValueError(
             f"duration is {duration} s, too short for one scan at {lidar.rate} Hz: simulate longer"
         )
-    # Under a transformation over worlds or robots there are no numbers to check yet.
+    # Traced worlds or robots have no values to check.
     if isinstance(world.segments, jax.core.Tracer) or isinstance(robot.radius, jax.core.Tracer):
         return
     clearances = leg_clearances(np.asarray(world.segments, np.float64), waypoints)

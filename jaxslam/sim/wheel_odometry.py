@@ -11,12 +11,12 @@ from jaxslam.sim.robot import Drive
 
 
 class OdometryErrors(eqx.Module):
-    """How far one robot's true dimensions are from the ones its odometry assumes, as fractions.
+    """Relative errors of the dimensions that one robot's odometry assumes.
 
     Attributes:
         left_radius: (true − assumed) / assumed radius of the left wheel.
-        right_radius: the same of the right wheel.
-        track_width: the same of the distance between the wheels.
+        right_radius: the same for the right wheel.
+        track_width: the same for the distance between the wheels.
     """
 
     left_radius: Float[Array, "*batch"]
@@ -25,14 +25,14 @@ class OdometryErrors(eqx.Module):
 
 
 class Odometry(eqx.Module):
-    """What the wheels reported, at a fixed rate from time 0.
+    """Readings of the wheels, at a fixed rate from time 0.
 
     Attributes:
         ticks: `[M, 2]` encoder counts of the left and the right wheel since the start.
         wheel_angles: `[M, 2]` the same in radians.
         poses: `[M, 3]` integrated base pose in the odometry frame, which is the base at the start.
-        twists: `[M, 3]` mean base-frame velocity since the reading before: m/s, m/s (0), rad/s.
-        errors: this robot's systematic errors (truth that no filter sees).
+        twists: `[M, 3]` mean base-frame velocity since the previous reading: m/s, m/s (0), rad/s.
+        errors: this robot's systematic errors (not visible to filters).
     """
 
     ticks: Int[Array, "*batch M 2"]
@@ -46,18 +46,18 @@ class WheelOdometry(eqx.Module):
     """Two driven wheels with encoders.
 
     Systematic errors (Borenstein and Feng 1996: unequal wheel diameters and an uncertain wheelbase)
-    stay for the whole drive; each is a given part plus one drawn per robot. Slip is random, with
-    a variance that grows with the way each wheel rolls.
+    are constant during a drive; each is the sum of a given part and a part drawn per robot. Slip is
+    random, with a variance proportional to the distance that each wheel rolls.
 
-    After 100 m the defaults are off by 2.9 m and 20° in `hall_small` and by 1.9 m and 20° in
-    `hall_large` (root mean square over 200 robots); slip alone makes 8° of it.
+    After 100 m, the error with the defaults is 2.9 m and 20° in `hall_small` and 1.9 m and 20° in
+    `hall_large` (root mean square over 200 robots); slip alone causes 8° of it.
 
     Attributes:
-        wheel_radius: assumed by the odometry, meters.
+        wheel_radius: radius assumed by the odometry, meters.
         track_width: distance between the wheels assumed by the odometry, meters.
         left_radius_error, right_radius_error: given part of (true − assumed) / assumed.
         track_width_error: given part of (true − assumed) / assumed.
-        sigma_radius_error: standard deviation of the drawn part, each wheel for itself.
+        sigma_radius_error: standard deviation of the drawn part, independent for each wheel.
         sigma_track_width_error: standard deviation of the drawn part.
         sigma_slip: standard deviation of a wheel's slip after rolling one meter, m/√m.
         ticks_per_turn: encoder counts per turn of a wheel.
@@ -98,15 +98,15 @@ class WheelOdometry(eqx.Module):
         """Simulate the encoder counts of one robot during a drive, and integrate them to odometry.
 
         Args:
-            key: draws the systematic errors and the slip.
+            key: PRNG key of the systematic errors and the slip.
             drive: the true motion, `[P]` steps.
-            times: `[M]` seconds at which it is read, increasing, the first one 0 (host values).
+            times: `[M]` times of the readings, seconds, increasing, the first one 0 (host values).
         """
         num_steps = drive.velocities.shape[0] - 1
         noise = standard_normal(key, (3 + 2 * num_steps,))
         errors = self.errors(noise[:3])
         turned = self._wheel_angles(noise[3:].reshape(num_steps, 2), drive, errors)
-        # Wheels turn evenly within a step, so that between two steps linear is exact.
+        # Wheels turn at a constant rate within a step, so linear interpolation is exact.
         position = np.minimum(times * drive.rate, len(turned) - 1)
         step = np.minimum(np.floor(position), len(turned) - 2).astype(int)
         fraction = jnp.asarray(position - step, jnp.float32)[:, None]
@@ -125,13 +125,13 @@ class WheelOdometry(eqx.Module):
     def integrate(self, ticks: Int[Array, "M 2"]) -> tuple[Float[Array, "M 3"], Float[Array, "M 3"]]:
         """Integrate encoder counts to odometry poses, in the frame of the first reading.
 
-        Headings come from the counts themselves, so that they gather no rounding error.
+        Headings are computed from the total counts, so that they accumulate no rounding error.
 
         Args:
             ticks: `[M, 2]` counts of the left and the right wheel.
 
         Returns:
-            Poses `[M, 3]` (m, m, rad), and `[M, 3]` (arc length, 0, turn) since the one before.
+            Poses `[M, 3]` (m, m, rad), and `[M, 3]` (arc length, 0, turn) since the previous pose.
         """
         meters_per_tick = 2 * jnp.pi * self.wheel_radius / self.ticks_per_turn
         travelled = (ticks - ticks[:1]).astype(jnp.float32) * meters_per_tick

@@ -107,7 +107,7 @@ def test_the_summary_says_what_is_there(full_log):
         "3 to 4 beams, 2.000° apart",
         "over 4.0 to 6.0°",
         "sensor 0.1 to 8 m; measured 1.00 to 1.00 m, median 1.00 m; 78.9%",
-        "lidar at x 0.200 m, y 0.000 m, heading 180.0° (assumed: the log does not say)",
+        "lidar at x 0.200 m, y 0.000 m, heading 180.0° (assumed: not in the log)",
         "gaps: 2 s after 0.3 s",
         "path 4.0 m, net rotation 229°, extent 4.0 × 0.0 m, no velocities",
         "angular velocity; mounting not in the log",
@@ -162,7 +162,7 @@ def test_both_ends_of_a_part_belong_to_it(full_log):
 @pytest.mark.parametrize(
     ("start", "end", "complaint"),
     [
-        (0.5, 2.0, r"no scan from 0.5 to 2.0 s: they go from 0 to 2.3 s"),
+        (0.5, 2.0, r"no scan from 0.5 to 2.0 s: scans are from 0 to 2.3 s"),
         (3.0, np.inf, "no scan from 3.0 to inf s"),
         (0.3, 0.1, "no scan from 0.3 to 0.1 s"),
         (np.nan, 1.0, "no scan from nan to 1.0 s"),

@@ -221,7 +221,7 @@ def log(text):
         (f'[study]\nobjectives = ["error", "error"]\n{LOGS}{SPACE}', "objectives names one twice: error"),
         (
             f'[study]\nsampler = "cma-es"\nobjectives = ["error", "time"]\n{LOGS}{SPACE}',
-            "cma-es, which takes one objective: take nsga-ii or tpe",
+            "cma-es, which takes one objective: use nsga-ii or tpe",
         ),
         (f"[study]\nconfig = 3\n{LOGS}{SPACE}", "config is 3: give a path as text"),
         (f'[study]\nconfig = "no.toml"\n{LOGS}{SPACE}', "config: .*no.toml is not there"),

@@ -225,7 +225,7 @@ def test_a_space_that_is_none(tables, message):
         (
             "sensor.sigma_hit",
             [[0.1, 0.2], [0.3]],
-            r"\[0.1, 0.2\] is no choice: give numbers, text, true or false",
+            r"\[0.1, 0.2\] is not a choice: give numbers, text, true or false",
         ),
         ("proposal.kind", [["motion"]], r"\['motion'\] is not a choice"),
         ("sensor.sigma_hit", [0.1, 0.2, 0.1], "0.1 is given twice among the choices"),

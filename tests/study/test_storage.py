@@ -191,7 +191,9 @@ def test_a_study_goes_on_with_what_changes_no_value(plan, tmp_path):
 def test_another_plan_of_that_name_is_refused(plan, tmp_path, change):
     store_of(plan, tmp_path)
     other = dataclasses.replace(plan, **change)
-    with pytest.raises(ValueError, match=r"study\.db has a study 'try' whose logs, seeds, .* another name"):
+    with pytest.raises(
+        ValueError, match=r"study\.db has a study 'try' with other logs, seeds, .* another name"
+    ):
         store_of(other, tmp_path)
     # Under another name it is welcome.
     assert store_of(dataclasses.replace(other, name="other"), tmp_path).trials() == []

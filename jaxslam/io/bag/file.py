@@ -1,7 +1,7 @@
 """Access to the messages of ROS 1 and ROS 2 bags. The only file that imports rosbags.
 
-Messages are decoded by the standard definitions, not by those in the bag: the six types used here
-never changed, and a bag that also holds types nobody can decode stays readable.
+Messages are decoded by the standard definitions, not by the definitions in the bag: the six types used
+here never changed, and a bag with other, undecodable types stays readable.
 """
 
 import struct
@@ -17,8 +17,7 @@ ROS1_MAGIC = b"#ROSBAG"
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 SQLITE_MAGIC = b"SQLite format 3"
 
-# What decoding of damaged bytes raises, besides the errors that rosbags and its decompressors
-# define.
+# Errors from decoding damaged bytes, besides the error types of rosbags and its decompressors.
 _DAMAGE = (
     ValueError,
     LookupError,
@@ -35,7 +34,7 @@ _DAMAGE = (
 
 
 class BagMessage(NamedTuple):
-    """A decoded message and the time it was received at, seconds."""
+    """A decoded message and its time of receipt, seconds."""
 
     content: Any
     received: float
@@ -46,7 +45,7 @@ class BagFile:
 
     Attributes:
         path: the bag.
-        topics: message type and number of messages by topic, in the order of names.
+        topics: message type and number of messages by topic, sorted by name.
     """
 
     def __init__(self, path: Path) -> None:
@@ -56,7 +55,7 @@ class BagFile:
             path: ROS 1 `.bag`, ROS 2 `.mcap` or `.db3`, or the folder of a ROS 2 bag.
 
         Raises:
-            LogError: rosbags is not installed, there is no such bag, or it is cut or damaged.
+            LogError: rosbags is not installed, or the bag is missing, cut or damaged.
         """
         try:
             from rosbags.rosbag1 import Reader as Reader1
@@ -96,7 +95,7 @@ class BagFile:
         topics: dict[str, tuple[str, int]] = {}
         for connection in sorted(self._connections, key=lambda connection: connection.topic):
             _, count = topics.get(connection.topic, ("", 0))
-            # Several nodes publish one topic over several connections.
+            # Several nodes may publish one topic over several connections.
             topics[connection.topic] = (connection.msgtype, count + connection.msgcount)
         return topics
 
@@ -104,7 +103,7 @@ class BagFile:
         """Yield the decoded messages of a topic in the order of receipt.
 
         Raises:
-            LogError: the bag is damaged, or the topic's type is another version of the standard's.
+            LogError: the bag is damaged, or the topic's type differs from the standard definition.
         """
         kind = self.topics[topic][0]
         connections = [
@@ -152,8 +151,8 @@ def _check_path(path: Path) -> bool:
     if path.is_dir():
         if not (path / "metadata.yaml").is_file():
             raise LogError(
-                f"{path}: the folder has no metadata.yaml, so it is no ROS 2 bag: give the "
-                ".mcap or .db3 file itself, or make one with 'ros2 bag reindex'"
+                f"{path}: the folder has no metadata.yaml, so it is not a ROS 2 bag: give the "
+                ".mcap or .db3 file itself, or make metadata.yaml with 'ros2 bag reindex'"
             )
         return False
     try:
@@ -192,6 +191,6 @@ def _package_errors() -> tuple[type[BaseException], ...]:
     for module, name in names:
         try:
             errors.append(getattr(importlib.import_module(module), name))
-        except (ImportError, AttributeError):  # Which of them is there depends on the versions.
+        except (ImportError, AttributeError):  # Which modules exist depends on the installed versions.
             continue
     return tuple(errors)

@@ -40,30 +40,30 @@ def read_bag(
 ) -> SensorLog:
     """Read a ROS bag.
 
-    Understands `sensor_msgs` LaserScan, Imu, JointState and NavSatFix, `nav_msgs/Odometry`, and
-    `tf2_msgs/TFMessage` on `/tf_static`; every other topic is counted in `topics` and skipped. A
-    topic that is not given is the one with a usual name (`/scan`, `/odom`, `/imu`, …), else the one
-    with most messages; where there was a choice, `warnings` says so.
+    Supported are `sensor_msgs` LaserScan, Imu, JointState and NavSatFix, `nav_msgs/Odometry`, and
+    `tf2_msgs/TFMessage` on `/tf_static`; every other topic is counted in `topics` and skipped. By
+    default, a topic with a usual name (`/scan`, `/odom`, `/imu`, …) is chosen, else the topic with
+    most messages; if there are several candidates, `warnings` lists the unused ones.
 
-    Stamps are those of the headers. The mounting of lidar and IMU is put together from the static
-    transforms, from the frame whose pose the odometry gives (else base_link, base_footprint) to the
-    sensor's. A lidar that hangs upside down has its beam angles negated, so that with
-    `pose_base_lidar` they are right in the plane.
+    Stamps are taken from the headers. The mounting of lidar and IMU is computed from the static
+    transforms, from the odometry's child frame (else base_link, base_footprint) to the sensor's frame.
+    The beam angles of an upside-down lidar are negated, so that they are correct in the plane with
+    `pose_base_lidar`.
 
     Args:
         path: the bag file or folder.
-        scan_topic: topic of the scans; as the others, with or without the leading slash.
+        scan_topic: topic of the scans; all topics can be given without the leading slash.
         odometry_topic: topic of the wheel odometry.
         imu_topic: topic of the inertial measurements.
         joint_topic: topic of the wheel angles.
         fix_topic: topic of the satellite fixes.
 
     Returns:
-        The log; tracks the bag has no messages for are None.
+        The log; tracks without messages are None.
 
     Raises:
-        LogError: no such bag, not a bag, cut or damaged; an unknown or empty topic; stamps that
-            jump back by more than a second; rosbags is not installed.
+        LogError: the bag is missing, cut or damaged; a topic is unknown or empty; stamps jump back by
+            more than a second; rosbags is not installed.
     """
     path = Path(path)
     wanted = {
@@ -181,12 +181,12 @@ def _lidar_mounting(
     if pose is None:
         warnings.append(
             f"no static transform from {' or '.join(dict.fromkeys(base_frames))} to the lidar's "
-            f"frame '{frame}': its mounting is not known"
+            f"frame '{frame}': its mounting is unknown"
         )
         return None
     mounting = planar_mounting(pose)
     if mounting.upside_down:
-        warnings.append(f"the lidar '{frame}' hangs upside down: beam angles mirrored")
+        warnings.append(f"the lidar '{frame}' is upside down: beam angles mirrored")
     if mounting.tilt > TILT_WARNING:
-        warnings.append(f"the lidar '{frame}' leans by {np.rad2deg(mounting.tilt):.0f}°: taken as level")
+        warnings.append(f"the lidar '{frame}' is tilted by {np.rad2deg(mounting.tilt):.0f}°: taken as level")
     return mounting

@@ -1,4 +1,4 @@
-"""Choosing the topics of a bag: by name where asked for, else the usual one."""
+"""Choice of a bag's topics: by the given name, else by the usual names."""
 
 import difflib
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ JOINT = "sensor_msgs/msg/JointState"
 FIX = "sensor_msgs/msg/NavSatFix"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
-# Names by which robots publish each kind, the most usual first.
+# Usual topic names of each kind, the most common first.
 _USUAL_NAMES: dict[str, Sequence[str]] = {
     SCAN: ("/scan", "/base_scan", "/laser_scan", "/front/scan", "/scan_front", "/scan_raw"),
     ODOMETRY: ("/odom", "/odometry", "/wheel_odom", "/wheel/odometry", "/odom_raw"),
@@ -32,15 +32,15 @@ def choose_topic(
         path: the bag, for error messages.
         topics: message type and number of messages by topic.
         kind: the message type.
-        wanted: a topic by name, with or without the leading slash; None to choose: the one with a
-            usual name, else the one with most messages.
+        wanted: name of a topic, with or without the leading slash; None chooses a topic with a usual
+            name, else the topic with most messages.
 
     Returns:
-        The topic, None where no topic of that type has a message; and a warning where there was a
-        choice, else None.
+        The topic, None if no topic of that type has a message; and a warning if there are several, else
+        None.
 
     Raises:
-        LogError: the wanted topic is not there, is of another type or has no message.
+        LogError: the wanted topic is missing, has another type or has no message.
     """
     filled = {name: count for name, (type_, count) in topics.items() if type_ == kind and count}
     if wanted is not None:

@@ -17,20 +17,20 @@ from jaxslam.io.stamps import MAX_BACKWARD_S, backward_steps, sorting_order
 
 
 class TimedMessages(NamedTuple):
-    """Message contents in the order of time with their stamps `[M]` in seconds."""
+    """Message contents sorted by time, with their stamps `[M]` in seconds."""
 
     stamps: Float64[np.ndarray, "M"]
     contents: list[Any]
 
 
 def in_order(path: Path, topic: str, messages: Sequence[BagMessage], warnings: list[str]) -> TimedMessages:
-    """Stamp and sorts messages: by the header's stamp, or the time of receipt where it is zero.
+    """Sort messages by the header's stamp, or by the time of receipt if all header stamps are zero.
 
     Args:
         path: the bag, for the error message.
-        topic: for messages.
-        messages: in the order of receipt.
-        warnings: gets a line for what was repaired.
+        topic: topic of the messages.
+        messages: messages in the order of receipt.
+        warnings: list to which a line per repair is appended.
 
     Raises:
         LogError: the stamps jump back by more than a second.
@@ -134,13 +134,12 @@ def scan_track(
 
     Args:
         timed: the messages.
-        topic: their topic.
-        mounting: of the lidar, None where it is not known.
-        warnings: gets a line for what was dropped.
+        topic: topic of the messages.
+        mounting: mounting of the lidar, None if it is unknown.
+        warnings: list to which a line about dropped messages is appended.
 
     Returns:
-        The track; angles are negated where the lidar hangs upside down. None where no message has
-        a beam.
+        The track, with negated angles if the lidar is upside down. None if no message has a beam.
     """
     geometry, good = _scan_geometry(timed.contents)
     _warn_dropped(warnings, topic, good, "scans without beams or beam angles")
@@ -188,7 +187,7 @@ def _scan_geometry(
         dtype=np.float64,
     ).reshape(-1, 5)
     first, last, increment, range_min, range_max = header.T
-    # Some drivers leave the increment at zero; the end angles say the same.
+    # Some drivers leave the increment at zero; then it follows from the end angles.
     implied = (last - first) / np.maximum(counts - 1, 1)
     increment = np.where(np.isfinite(increment) & (increment != 0), increment, implied)
     range_min = np.where(range_min > 0, range_min, 0.0)

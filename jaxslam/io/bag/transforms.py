@@ -1,4 +1,4 @@
-"""Static transforms of a robot: where a sensor is mounted, from the tree of `/tf_static`."""
+"""Static transforms of a robot: the mounting of a sensor, from the tree of `/tf_static`."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64
 
-# A lidar that leans by more than this no longer measures in the plane of the map.
+# Tilt at which a lidar no longer measures in the plane of the map.
 TILT_WARNING = np.deg2rad(5.0)
 
 
@@ -17,13 +17,13 @@ def transform_matrix(
     """Return the homogeneous matrix of a translation (meters) and a quaternion x, y, z, w of any norm.
 
     Raises:
-        ValueError: the quaternion is zero or something is not finite.
+        ValueError: the quaternion is zero or a value is not finite.
     """
     from scipy.spatial.transform import Rotation  # Slow to import, and only bags need it.
 
     norm = float(np.linalg.norm(quaternion))
     if not np.isfinite(translation).all() or not np.isfinite(norm) or norm < 1e-6:
-        raise ValueError(f"no rigid transform: translation {translation}, quaternion {quaternion}")
+        raise ValueError(f"not a rigid transform: translation {translation}, quaternion {quaternion}")
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
     matrix[:3, 3] = translation
@@ -35,7 +35,7 @@ class TransformTree:
     """Frames and their parents.
 
     Attributes:
-        parents: by child frame: its parent frame and the pose `[4, 4]` of the child in it.
+        parents: parent frame and pose `[4, 4]` of the child in it, by child frame.
     """
 
     parents: Mapping[str, tuple[str, Float64[np.ndarray, "4 4"]]] = field(default_factory=dict)
@@ -54,7 +54,7 @@ class TransformTree:
         while frame in self.parents:
             frame, pose_parent_child = self.parents[frame]
             pose = pose_parent_child @ pose
-            if frame in visited:  # A loop is no tree; stop where it closes.
+            if frame in visited:  # A loop is not a tree; stop where it closes.
                 break
             visited.add(frame)
         return frame, pose
@@ -65,7 +65,7 @@ class PlanarMounting(NamedTuple):
 
     Attributes:
         pose: `[3]` pose of the lidar in the base frame (m, m, rad).
-        upside_down: whether the scan runs mirrored, so that beam angles change their sign.
+        upside_down: whether the scan is mirrored, so that beam angles change their sign.
         tilt: angle of the scan plane to the horizontal, radians in [0, π/2].
     """
 
@@ -77,8 +77,8 @@ class PlanarMounting(NamedTuple):
 def planar_mounting(pose_base_lidar: Float64[np.ndarray, "4 4"]) -> PlanarMounting:
     """Project a lidar's mounting onto the plane.
 
-    With the lidar's z axis pointing down a beam at angle a in the lidar frame points at yaw − a in
-    the base frame, so the angles are to be negated and the heading is that of the lidar's x axis.
+    If the lidar's z axis points down, a beam at angle a in the lidar frame points at yaw − a in the base
+    frame. So the angles must be negated, and the heading is that of the lidar's x axis.
 
     Example:
         Roll π at x = 0.1 m gives the pose (0.1, 0, 0), upside down, no tilt.

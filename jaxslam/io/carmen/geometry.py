@@ -11,11 +11,11 @@ from jaxslam.core import se2
 from jaxslam.io.carmen.messages import LaserMessage
 from jaxslam.io.ranges import SICK_CODES, saturated_reading
 
-# The Hokuyo URG sends error codes as readings of 0 to 19 mm, and no planar lidar measures below.
+# The Hokuyo URG sends error codes as readings of 0 to 19 mm; planar lidars do not measure shorter ranges.
 RANGE_MIN = 0.02
 
-# Laser and robot pose are written with six digits; half a centimeter and 0.3° leave room for logs
-# with two or three.
+# Laser and robot pose usually have six digits; half a centimeter and 0.3° also allow logs with two or
+# three digits.
 _MOUNTING_TOLERANCE = np.array([0.005, 0.005, 0.005])
 _MOUNTING_SHARE = 0.9
 
@@ -30,11 +30,10 @@ class BeamAngles(NamedTuple):
 def beam_angles(message: LaserMessage, parameters: Mapping[str, str]) -> BeamAngles:
     """Return the beam geometry of one scan.
 
-    `RAWLASER1` and `ROBOTLASER1` carry it. `FLASER` does not: its n beams spread over the field of
-    view `PARAM laser_front_laser_fov` (degrees), 180° where there is none, symmetric to the
-    front. They are `PARAM laser_front_laser_resolution` degrees apart where that fits the number of
-    beams and the field of view; else an odd n includes both end points, an even n has a step of
-    fov / n.
+    `RAWLASER1` and `ROBOTLASER1` contain it. `FLASER` does not: its n beams are spread symmetrically
+    over the field of view `PARAM laser_front_laser_fov` (degrees, default 180°). The step is
+    `PARAM laser_front_laser_resolution` (degrees) if it agrees with the number of beams and the field
+    of view; else an odd n includes both end points, and an even n has a step of fov / n.
 
     Example:
         181 beams: −90° to 90° in steps of 1°. 180 beams: −90° to 89°, also in steps of 1°.
@@ -75,9 +74,9 @@ def maximum_range(
 ) -> tuple[float, str | None]:
     """Return the range in meters from which a reading is no return.
 
-    The smallest of what there is: the field of the message, `PARAM robot_front_laser_max`, and the
-    saturated reading that stands in the data (`saturated_reading`). Where there is none of these,
-    the full scale of a SICK LMS that holds every reading (8.18 or 81.8 m), and a warning.
+    It is the smallest of the message field, `PARAM robot_front_laser_max`, and the saturated reading in
+    the data (`saturated_reading`). If none of these exists, it is the full scale of a SICK LMS that
+    covers every reading (8.18 or 81.8 m), with a warning.
 
     Returns:
         The range, and a warning or None.
@@ -93,7 +92,7 @@ def maximum_range(
     scales = [(SICK_CODES[0][0] - 0.5) * unit for unit in (1e-3, 1e-2)]
     guess = next((scale for scale in scales if scale > largest), float("inf"))
     return guess, (
-        f"the log does not say the lidar's maximum range: {guess:g} m assumed, "
+        f"the lidar's maximum range is not in the log: {guess:g} m assumed, "
         f"the largest reading is {largest:.2f} m"
     )
 
@@ -105,17 +104,17 @@ def mounting(
 ) -> tuple[Float64[np.ndarray, "3"], bool, str | None]:
     """Return the pose of the lidar in the robot's frame.
 
-    The median of laser ⊖ robot over the scans if the two differ, and by the same in nine scans of
-    ten; else `PARAM robot_frontlaser_offset` (and `_side_offset`, `_angular_offset`); else unknown,
-    since logs converted from other formats write the robot's pose twice.
+    It is the median of laser ⊖ robot over the scans if the poses differ, by the same offset in nine of
+    ten scans; else `PARAM robot_frontlaser_offset` (and `_side_offset`, `_angular_offset`). Otherwise
+    it is unknown, because logs converted from other formats contain the robot's pose twice.
 
     Args:
-        pose_robot: `[T, 3]` odometry pose of every scan, NaN where the message has none.
+        pose_robot: `[T, 3]` odometry pose of every scan, NaN if the message has none.
         pose_laser: `[T, 3]` laser pose of every scan in the same frame.
         parameters: the log's `PARAM` values.
 
     Returns:
-        The pose `[3]`, whether the log says so, and a warning or None.
+        The pose `[3]`, whether it is known from the log, and a warning or None.
     """
     warning = None
     given = np.isfinite(pose_robot).all(axis=1) & np.isfinite(pose_laser).all(axis=1)
@@ -126,7 +125,7 @@ def mounting(
         spread[:, 2] = np.abs(se2.wrap(offsets[:, 2] - center[2]))
         consistent = np.mean((spread <= _MOUNTING_TOLERANCE).all(axis=1)) >= _MOUNTING_SHARE
         if consistent and np.abs(center).max() > 1e-4:
-            return np.round(center, 6), True, None  # The digits of a log.
+            return np.round(center, 6), True, None  # The precision of a log.
         if not consistent:
             warning = (
                 "the scans' laser and robot poses do not differ by a fixed mounting "

@@ -1,6 +1,6 @@
 """The lines of a CARMEN log: one message a line, `NAME content… ipc_stamp host logger_stamp`.
 
-This file knows the syntax only; what the messages mean together is put together in `carmen.py`.
+This module parses the syntax; `jaxslam.io.carmen.reader` interprets the messages.
 Format: http://carmen.sourceforge.net/logger_playback.html
 """
 
@@ -41,7 +41,7 @@ class OdometryMessage(NamedTuple):
 
 
 class LaserMessage(NamedTuple):
-    """`FLASER`, `RAWLASER1` or `ROBOTLASER1`; what the message does not carry is NaN.
+    """`FLASER`, `RAWLASER1` or `ROBOTLASER1`; missing values are NaN.
 
     Angles are in radians: `start` of the first beam, field of view `fov`, `step` between beams.
     """
@@ -67,8 +67,8 @@ class CarmenContent:
         odometry: the `ODOM` messages.
         lasers: messages of the front laser by name.
         counts: number of lines by message name, damaged ones included.
-        damaged: line numbers that are not a whole message.
-        cut_at_end: whether the last line was one of them.
+        damaged: numbers of the lines that are not complete messages.
+        cut_at_end: whether the last line is damaged.
     """
 
     parameters: dict[str, str] = field(default_factory=dict)
@@ -83,7 +83,7 @@ def read_messages(path: Path) -> CarmenContent:
     """Read all lines of a CARMEN log.
 
     Raises:
-        LogError: no such file, a folder, an empty or binary file, a gzip stream that ends early.
+        LogError: the path is missing or a folder, or the file is empty, binary or an incomplete gzip file.
     """
     if path.is_dir():
         raise LogError(f"{path}: is a folder: give the log file itself")
@@ -100,7 +100,7 @@ def read_messages(path: Path) -> CarmenContent:
         name = path.name.removesuffix(".gz")
         raise LogError(
             f"{path}: the gzip file is cut short or damaged after {number} good lines with {scans} "
-            f"scans ({error}): copy it again, or keep what is there with "
+            f"scans ({error}): copy it again, or keep the good lines with "
             f"'gzip -dc {path.name} > {name}' and read {name}"
         ) from None
     except OSError as error:
@@ -158,7 +158,7 @@ def _finite(fields: list[bytes]) -> tuple[float, ...]:
 
 
 def _expect(fields: list[bytes], count: int) -> None:
-    # A line that was cut, or two that ran into each other, has another number of fields.
+    # A cut line, or two lines merged into one, has a different number of fields.
     if len(fields) != count:
         raise ValueError("wrong number of fields")
 

@@ -13,32 +13,32 @@ from jaxslam.io.log import LogError, OdometryTrack, ScanTrack, SensorLog
 from jaxslam.io.ranges import clean_ranges
 from jaxslam.io.stamps import backward_steps, sorting_order, spread_repeats
 
-# In the order of preference: the message with odometry and geometry, with odometry, with neither.
+# In order of preference: messages with odometry and geometry, with odometry only, with geometry only.
 _LASER_NAMES = ("ROBOTLASER1", "FLASER", "RAWLASER1")
 
 
 def read_carmen(path: str | Path) -> SensorLog:
     """Read a CARMEN log.
 
-    Understands `ODOM`, `FLASER`, `RAWLASER1`, `ROBOTLASER1` and the `PARAM` values of the front
-    laser; every other message is counted in `topics` and named in `warnings`. Of several laser
-    messages the one that says most is used. How stamps, beam angles, maximum range, mounting and
-    odometry are found is described at `choose_clock`, `beam_angles`, `maximum_range`, `mounting`
-    and `merge_odometry`.
+    Supported are `ODOM`, `FLASER`, `RAWLASER1`, `ROBOTLASER1` and the `PARAM` values of the front
+    laser; every other message is counted in `topics` and named in `warnings`. If there are several
+    kinds of laser messages, the one with most information is used. The choice of stamps, beam angles,
+    maximum range, mounting and odometry is described at `choose_clock`, `beam_angles`,
+    `maximum_range`, `mounting` and `merge_odometry`.
 
-    What is repaired is counted in `warnings`: damaged lines are skipped, readings that are
-    negative or not finite become NaN, stamps that jitter are sorted, scans with the stamp of the
-    one before are spread up to the next, scans recorded twice are dropped.
+    Repairs are counted in `warnings`: damaged lines are skipped, readings that are negative or not
+    finite become NaN, jittering stamps are sorted, repeated stamps are spread up to the next one, and
+    scans recorded twice are dropped.
 
     Args:
         path: the log, plain or gzipped whatever its suffix.
 
     Returns:
-        The log; `odometry` or `scans` is None where the file has none.
+        The log; `odometry` or `scans` is None if the file has none.
 
     Raises:
-        LogError: no such file, empty, binary or cut gzip file; no message of a known name or more
-            damaged lines than good ones; time stamps that jump back by more than a second.
+        LogError: the file is missing, empty, binary or an incomplete gzip file; it has no supported
+            message or more damaged lines than good ones; stamps jump back by more than a second.
     """
     path = Path(path)
     content = read_messages(path)

@@ -14,13 +14,13 @@ from jaxslam.io.stamps import MAX_BACKWARD_S, backward_steps
 
 Message = LaserMessage | OdometryMessage
 
-# ODOM lines on another clock than the scans: CARMEN estimates the skew and puts it right in the
-# poses of the scans, not in the stamps. Half a centimeter is above the rounding of any log.
+# If ODOM lines and scans have different clocks, CARMEN estimates the skew and corrects the poses of
+# the scans, but not their stamps. Half a centimeter is above the rounding of any log.
 _AGREEMENT = (0.005, 0.005)
 
 
 class ClockChoice(NamedTuple):
-    """Which of the two stamps of a message is used: `ipc` or `logger`, and a warning or None."""
+    """The chosen stamp of the messages, `ipc` or `logger`, and a warning or None."""
 
     name: str
     warning: str | None
@@ -32,19 +32,19 @@ def message_stamps(messages: Sequence[Message], clock: str) -> Float64[np.ndarra
 
 
 def choose_clock(path: str, streams: Sequence[Sequence[Message]]) -> ClockChoice:
-    """Pick the clock of a log: the ipc stamp unless it is unusable.
+    """Choose the clock of a log: the ipc stamp unless it is unusable.
 
-    The ipc stamp is the time of the measurement, by the clock of the computer that took it, and
-    ground-truth relations use it; the logger stamp is the time of arrival, and has jitter. The
-    logger stamp is used where the ipc stamps stand still (old logs have zeros), run back by more
-    than a second, or differ between odometry and scans by more than a second against the logger.
+    The ipc stamp is the time of the measurement, on the clock of the measuring computer, and
+    ground-truth relations use it. The logger stamp is the time of arrival, with jitter. The logger
+    stamp is used if the ipc stamps are constant (old logs have zeros), run back by more than a second,
+    or if their offset to the logger differs between odometry and scans by more than a second.
 
     Args:
         path: for the error message.
         streams: messages by kind, odometry and scans; empty ones are ignored.
 
     Raises:
-        LogError: neither clock is usable; names the line where it jumps.
+        LogError: neither clock is usable; the message has the line of the jump.
     """
     used = [messages for messages in streams if messages]
     ipc_fault = _fault(used, "ipc")
@@ -82,20 +82,20 @@ def merge_odometry(
 ) -> tuple[OdometryTrack | None, str | None]:
     """Merge ODOM lines and the poses stored with the scans into one odometry track.
 
-    A scan's own pose is the best statement of where the robot was when it was taken, since CARMEN
-    interpolates it and corrects the skew between the computers' clocks. So it always wins at the
-    stamp of its scan. ODOM lines fill in between where they agree with the scans' poses on time (at
-    the scans' stamps, median over the moving scans within 5 mm and 5 mrad); where they do not,
-    mixing the two would make the robot jump to and fro, and the ODOM lines are left out. Scans
-    whose poses never change while the ODOM lines do have no odometry of their own.
+    The pose stored with a scan is the best estimate of the robot's pose at its stamp, because CARMEN
+    interpolates it and corrects the skew between the computers' clocks. So it always has priority at
+    the stamp of the scan. ODOM lines fill the gaps if they agree with the scans' poses (at the scans'
+    stamps, the median over the moving scans is within 5 mm and 5 mrad). If they disagree, a mixture
+    would make the robot jump back and forth, so the ODOM lines are left out. If the poses of the scans
+    never change but the ODOM lines do, the scans have no odometry, and only the ODOM lines are used.
 
     Args:
         lines: stamps `[M]` (sorted), poses `[M, 3]` and twists `[M, 3]` of the ODOM lines.
-        scans: the same of the scans, without those that have no pose.
+        scans: the same of the scans with a pose.
         scan_name: message name of the scans.
 
     Returns:
-        The track, None where there is neither; and a warning or None.
+        The track, None if there is no pose at all; and a warning or None.
     """
     lines, scans = _without_repeats(*lines), _without_repeats(*scans)
     if scans[0].size == 0 and lines[0].size == 0:
@@ -115,7 +115,7 @@ def merge_odometry(
             f"(median) off the odometry poses in {scan_name}, which are used instead"
         )
     keep = ~np.isin(lines[0], scans[0])
-    # FLASER has no velocities; those of the ODOM line with the same stamp hold for it too.
+    # FLASER has no velocities: take them from the ODOM line with the same stamp.
     _, in_lines, in_scans = np.intersect1d(lines[0], scans[0], return_indices=True)
     scan_twists = scans[2].copy()
     missing = np.isnan(scan_twists[in_scans])

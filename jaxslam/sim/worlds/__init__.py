@@ -1,1 +1,1 @@
-"""Worlds to simulate in."""
+"""Worlds of the simulator."""

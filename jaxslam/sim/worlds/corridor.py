@@ -1,4 +1,4 @@
-"""A corridor round a block of rooms: a long loop in which a lidar of short range sees little that differs."""
+"""A corridor around a block of rooms: a long loop with few distinctive features for a short-range lidar."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from jaxtyping import Float64, PRNGKeyArray
 from jaxslam.sim.worlds.world import World, walls
 
 _CLEAR = 1.5
-"""Of doors and pilasters, from the corners, meters."""
+"""Smallest distance of doors and pilasters from the corners, meters."""
 
 
 @dataclass(frozen=True)
@@ -17,13 +17,13 @@ class Corridor:
     """The plan of a corridor; lengths in meters.
 
     Attributes:
-        length: of the floor, along x.
-        depth: of the floor, along y.
-        width: of the corridor.
-        recess: how deep the doors lie in the outer wall, and how far the pilasters stand out of the inner.
-        spacing: between doors and between pilasters, least and most.
-        door: width of a door, least and most.
-        pilaster: width of a pilaster, least and most.
+        length: length of the floor along x.
+        depth: length of the floor along y.
+        width: width of the corridor.
+        recess: depth of the doors in the outer wall and of the pilasters on the inner wall.
+        spacing: smallest and largest distance between doors and between pilasters.
+        door: smallest and largest width of a door.
+        pilaster: smallest and largest width of a pilaster.
     """
 
     length: float = 43.0
@@ -58,15 +58,15 @@ def build_corridor(
     """Build the world of a plan, and a tour once round it, from the middle of the lower side.
 
     Args:
-        name: of the world.
-        plan: its measures.
-        rng: places doors and pilasters.
+        name: name of the world.
+        plan: dimensions of the corridor.
+        rng: random generator of doors and pilasters.
     """
     floor = (plan.length, plan.depth)
     around = plan.width + plan.recess
     block = (plan.length - 2 * around, plan.depth - 2 * around)
     outer = walls(floor, plan.recess, _openings(floor, plan.spacing, plan.door, rng))
-    # What is a niche in a wall that is seen from inside stands out of one that is seen from outside.
+    # A niche of a wall seen from inside is a protrusion when seen from outside.
     inner = walls(block, plan.recess, _openings(block, plan.spacing, plan.pilaster, rng)) + around
     middle = plan.recess + plan.width / 2
     left, right, low, high = middle, plan.length - middle, middle, plan.depth - middle

@@ -1,7 +1,7 @@
 """The built-in worlds, each with the way-points of a drive through it.
 
-A builder returns `(world, waypoints)`: way-points `[W, 2]` in meters are a closed tour, from which
-`drive` starts at the first. A new world is one more builder in `WORLDS`.
+A builder returns `(world, waypoints)`: way-points `[W, 2]` in meters of a closed tour, which `drive` starts
+at the first one. To add a world, add its builder to `WORLDS`.
 """
 
 import difflib
@@ -121,8 +121,8 @@ def hall_large() -> tuple[World, Float64[np.ndarray, "W 2"]]:
 def random_hall(key: PRNGKeyArray) -> tuple[World, Float64[np.ndarray, "W 2"]]:
     """Build a random hall, 16–24 × 14–22 m, to validate on worlds not used for tuning.
 
-    The numbers of segments and way-points are the same for every key, so that all halls share one
-    compiled simulation.
+    All keys give the same number of segments and way-points, so that all halls share one compiled
+    simulation.
     """
     rng = np.random.default_rng(np.asarray(jax.random.key_data(key)))
     width, height = rng.uniform(16, 24), rng.uniform(14, 22)
@@ -142,7 +142,7 @@ def random_hall(key: PRNGKeyArray) -> tuple[World, Float64[np.ndarray, "W 2"]]:
         rows=rows.tolist(),
         junctions="a0 c0 c3 a3 a0 a2 c2 c1 a1 a0 b0 b3 a3 a0 b0 b1 a1",
     )
-    # Mirroring gives the tours either sense of rotation.
+    # With mirroring, tours run in both directions.
     shapes, tour = (shapes, tour) if rng.uniform() < 0.5 else _mirrored(shapes, tour, width)
     return World.from_shapes("random_hall", shapes), tour
 
@@ -159,7 +159,7 @@ def make_world(name: str) -> tuple[World, Float64[np.ndarray, "W 2"]]:
     """Return the built-in world of that name and its way-points `[W, 2]`.
 
     Raises:
-        ValueError: if there is none; the message names the nearest.
+        ValueError: the world is unknown; the message suggests the nearest name.
     """
     if name not in WORLDS:
         nearest = difflib.get_close_matches(name, WORLDS, n=1, cutoff=0.0)[0]
@@ -212,7 +212,7 @@ def _random_machines(
         size = slot * rng.uniform(0.45, 0.95, 2)
         angle = rng.choice([0.0, rng.uniform(-0.6, 0.6)])
         cos, sin = np.cos(angle), np.abs(np.sin(angle))
-        # Shrunk until it fits its slot when turned.
+        # Shrink the machine until it fits its slot when turned.
         turned = np.array([cos * size[0] + sin * size[1], sin * size[0] + cos * size[1]])
         size = size * min(1.0, *(slot / turned))
         # From nearly square corners to an octagon.

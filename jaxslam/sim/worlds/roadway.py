@@ -1,4 +1,4 @@
-"""A coal-mine roadway: two drifts that look alike all along, joined by cross-cuts."""
+"""A coal-mine roadway: two parallel drifts with few distinctive features, joined by cross-cuts."""
 
 from dataclasses import dataclass
 
@@ -14,17 +14,17 @@ class Roadway:
     """The plan of a roadway; lengths in meters.
 
     Attributes:
-        length: of both drifts, which run along x.
-        spacing: between their center lines.
-        width: of the drifts and the cross-cuts.
-        cross_cuts: center lines of the cross-cuts, x; the first and the last close the loop.
-        stubs: dead ends, as x and 1 for one off the upper drift, −1 for one off the lower.
-        stub_depth: how far they go.
-        roughness: how far the walls bulge, to either side at most.
-        facet: length of a piece of wall.
-        support_spacing: between the legs of the supports, along both walls.
-        bend: how far the drifts leave the straight, to either side.
-        bend_length: of a whole bend.
+        length: length of both drifts, which run along x.
+        spacing: distance between the center lines of the drifts.
+        width: width of the drifts and the cross-cuts.
+        cross_cuts: x of the cross-cuts' center lines; the first and the last close the loop.
+        stubs: dead ends, as x and 1 for the upper drift or −1 for the lower one.
+        stub_depth: depth of the dead ends.
+        roughness: largest displacement of the walls to either side.
+        facet: length of a wall facet.
+        support_spacing: distance between support legs along both walls.
+        bend: amplitude of the drifts' bends.
+        bend_length: wavelength of the bends.
     """
 
     length: float = 71.0
@@ -72,9 +72,9 @@ def build_roadway(
     """Build the world of a plan, and a tour once round the loop.
 
     Args:
-        name: of the world.
-        plan: its measures.
-        rng: of the roughness.
+        name: name of the world.
+        plan: dimensions of the roadway.
+        rng: random generator of the roughness.
     """
     half = plan.width / 2
     outlines = [_outer(plan), *_pillars(plan)]
@@ -85,7 +85,7 @@ def build_roadway(
     left, right = plan.cross_cuts[0], plan.cross_cuts[-1]
     corners = np.array([[left, 0.0], [right, 0.0], [right, plan.spacing], [left, plan.spacing]])
     tour = _bent(plan, _subdivided(corners, 6.0))
-    # From within the lower drift: a corner would be a place that is easily known again.
+    # Start inside the lower drift, because a corner would be easy to recognize.
     start = int(np.argmin(np.abs(tour[:, 0] - plan.length / 3) + np.abs(tour[:, 1]) * (tour[:, 1] > half)))
     return World.from_shapes(name, shapes), np.roll(tour, -start, axis=0)
 

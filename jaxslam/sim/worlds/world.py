@@ -1,7 +1,7 @@
 """Worlds made of straight line segments, and the shapes to build them from.
 
-Builders run on the host in NumPy float64; a `World` holds the result as device arrays. A builder of
-a whole world is a function that puts shapes together and returns `World.from_shapes(name, shapes)`.
+Builders run on the host in NumPy float64; a `World` holds the result as device arrays. A builder of a world
+is a function that combines shapes and returns `World.from_shapes(name, shapes)`.
 """
 
 import equinox as eqx
@@ -15,8 +15,8 @@ class World(eqx.Module):
 
     Attributes:
         segments: `[S, 4]` end points x1, y1, x2, y2 in meters. Segments that share a corner share
-            its coordinates exactly, which is what makes ray casting watertight there.
-        name: what the world is called (static).
+            its coordinates exactly, which makes ray casting watertight there.
+        name: name of the world (static).
     """
 
     segments: Float[Array, "*batch S 4"]
@@ -24,17 +24,17 @@ class World(eqx.Module):
 
     @classmethod
     def from_shapes(cls, name: str, shapes: list[Float64[np.ndarray, "_ 4"]]) -> "World":
-        """Put shapes `[·, 4]` (meters) together to one world.
+        """Combine shapes `[·, 4]` (meters) to one world.
 
         Raises:
-            ValueError: if there is no segment, one is not finite, or one has no length.
+            ValueError: if there is no segment, a segment is not finite, or a segment has no length.
         """
         segments = np.concatenate([np.zeros((0, 4)), *shapes])
         if len(segments) == 0:
             raise ValueError(f"world {name!r} has no segment: give at least one shape")
         if not np.isfinite(segments).all():
             raise ValueError(f"world {name!r} has a segment that is not finite: check its shapes")
-        # Compared as float32, since that is what the device will see.
+        # Compare in float32, the precision on the device.
         rounded = segments.astype(np.float32)
         empty = (rounded[:, :2] == rounded[:, 2:]).all(axis=1)
         if empty.any():
@@ -65,7 +65,7 @@ def polyline(points: Float64[np.ndarray, "P 2"], *, closed: bool = False) -> Flo
 def place(
     points: Float64[np.ndarray, "P 2"], center: tuple[float, float], angle: float
 ) -> Float64[np.ndarray, "P 2"]:
-    """Turn points by `angle` radians about the origin, then moves the origin to `center`."""
+    """Rotate points by `angle` radians about the origin, then move the origin to `center`."""
     cos, sin = np.cos(angle), np.sin(angle)
     return points @ np.array([[cos, sin], [-sin, cos]]) + np.asarray(center)
 
@@ -80,10 +80,10 @@ def box(
     """Return a machine as a rectangle, `[4, 4]`, or with chamfered corners, `[8, 4]`.
 
     Args:
-        center: x, y of its middle, meters.
-        size: its sides, meters, before turning.
-        angle: how far it is turned counter-clockwise, radians.
-        chamfer: how much of each side is cut away at a corner, meters.
+        center: x, y of the center, meters.
+        size: lengths of the sides, meters.
+        angle: counter-clockwise rotation, radians.
+        chamfer: length cut from each side at a corner, meters.
     """
     half = np.asarray(size) / 2
     corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * half
@@ -108,8 +108,8 @@ def walls(
 
     Args:
         size: outer bounds from the origin, meters.
-        depth: how far the wall stands inside the bounds, meters.
-        niches: those of the lower, right, upper and left wall as (start, width), meters, counted
+        depth: distance of the wall from the bounds, meters.
+        niches: niches of the lower, right, upper and left wall as (start, width), meters, measured
             counter-clockwise from the corner where the wall begins.
     """
     width, height = size

@@ -244,7 +244,7 @@ def test_points_of_a_lidar_upside_down_are_right_in_the_plane(tmp_path, yaw):
 
 def test_a_leaning_lidar_is_a_warning(tmp_path):
     log = scans_mounted(tmp_path, ("base_link", "laser", (0.0, 0.0, 0.0), (0.0, 0.3, 0.0)))
-    assert any("leans by 17°" in line for line in log.warnings)
+    assert any("tilted by 17°" in line for line in log.warnings)
 
 
 def test_without_transforms_the_mounting_is_unknown(tmp_path):

@@ -17,7 +17,7 @@ class Study:
     """Tune settings over many runs, as a file describes; `study report STORAGE` prints the results."""
 
     plan: Annotated[Path, Positional, arg(metavar="CONFIG.toml")]
-    """Study file: logs, objectives and settings to tune; see the guide `study` or notebooks/06_study.ipynb."""
+    """Study file: logs, objectives and settings to tune; notebooks/06_study.ipynb shows one."""
     trials: Annotated[
         int | None, arg(metavar="N", help_behavior_hint="(default: from the file, otherwise 50)")
     ] = None

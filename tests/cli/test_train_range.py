@@ -178,8 +178,8 @@ def test_few_distances_are_warned_of_and_several_tables_joined(tmp_path, capsys)
     assert main([*given, one, two, more, "--held-out", "2"]) == 0
     printed = capsys.readouterr()
     assert printed.err == (
-        "jaxslam: warning: too few distances to validate at some of them: only the mean reading of each is "
-        "learnt\n"
+        "jaxslam: warning: too few distances for a validation set: only the mean reading of each "
+        "distance is learned\n"
     )
     training = strict_json(tmp_path / "a-training" / "training.json")
     assert [(row["distance"], row["count"], row["role"]) for row in training["distances"]] == [

@@ -27,7 +27,7 @@ def _train(quality: Quality, unit: int, method) -> Arrays:
     return {
         "seconds": np.asarray(seconds),
         "steps": np.asarray(found.fit.steps),
-        "mse_learnt": np.asarray(roles["learnt from"].corrected_rmse ** 2),
+        "mse_learnt": np.asarray(roles["training"].corrected_rmse ** 2),
         "held_out": np.asarray(roles["held out"].corrected_rmse),
         "held_out_raw": np.asarray(roles["held out"].raw_rmse),
         "held_out_noise": np.asarray(roles["held out"].noise),

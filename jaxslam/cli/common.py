@@ -1,4 +1,4 @@
-"""What the commands share: flags, checks of their input, warnings and summaries.
+"""Share flags, input checks, warnings and summaries between the commands.
 
 A command module is imported for `--help`, so it imports the rest of jaxslam where it runs, not at its top.
 """
@@ -47,7 +47,7 @@ _MAX_SEED = 2**32 - 1
 
 
 def check_seed(seed: int) -> None:
-    """Raise a one-line `ValueError` for a seed that is not a 32-bit number."""
+    """Raise a one-line `ValueError` for a seed outside 0 to 2³² − 1."""
     if not 0 <= seed <= _MAX_SEED:
         raise ValueError(f"--seed is {seed}: give 0 to {_MAX_SEED}")
 
@@ -73,13 +73,13 @@ def warn_if_assumed(yaw: "YawTrack") -> None:
 def read_log(
     path: Path, *, scan_topic: str | None = None, odom_topic: str | None = None, imu_topic: str | None = None
 ) -> "SensorLog":
-    """Read a log and print its warnings, among them one about an unknown mounting of the lidar."""
+    """Read a log and print its warnings, including one for an unknown mounting of the lidar."""
     import jaxslam
 
     log = jaxslam.read_log(path, scan_topic=scan_topic, odometry_topic=odom_topic, imu_topic=imu_topic)
     warn(log.warnings)
-    told = any("mounting" in line or "mounted" in line for line in log.warnings)
-    if log.scans is not None and not log.scans.mounting_known and not told:
+    is_reported = any("mounting" in line or "mounted" in line for line in log.warnings)
+    if log.scans is not None and not log.scans.mounting_known and not is_reported:
         x, y, theta = log.scans.pose_base_lidar
         warn([f"the log does not say how the lidar is mounted: assuming x {x:g} m, y {y:g} m, {theta:g} rad"])
     return log
@@ -89,8 +89,8 @@ def read_reference(path: Path, log: "SensorLog") -> "Trajectory":
     """Read the reference trajectory of a log.
 
     Raises:
-        ValueError: its stamps run backwards, or fewer than two of its poses lie within the log. The error
-            comes before the run and not after it.
+        ValueError: its stamps run backwards, or fewer than two of its poses lie within the log. The check
+            runs before the filter does.
     """
     import numpy as np
 
@@ -100,20 +100,22 @@ def read_reference(path: Path, log: "SensorLog") -> "Trajectory":
     stamps = reference.stamps
     if np.any(np.diff(stamps) < 0):
         row = int(np.flatnonzero(np.diff(stamps) < 0)[0]) + 1
-        raise ValueError(f"{path}: the stamps run backwards at pose {row + 1} ({stamps[row]:.3f} s): sort it")
+        raise ValueError(
+            f"{path}: the stamps run backwards at pose {row + 1} ({stamps[row]:.3f} s): sort the poses"
+        )
     if log.scans is not None and len(log.scans.stamps):
         first, last = float(log.scans.stamps[0]), float(log.scans.stamps[-1])
         within = int(np.count_nonzero((stamps >= first - 1e-6) & (stamps <= last + 1e-6)))
         if within < 2:
             raise ValueError(
                 f"{path}: {within} of its {len(stamps)} poses ({stamps.min():.3f} to {stamps.max():.3f} s) "
-                f"lie within the log's scans ({first:.3f} to {last:.3f} s): is it that of another log?"
+                f"lie within the log's scans ({first:.3f} to {last:.3f} s): does it belong to another log?"
             )
     return reference
 
 
 def read_network(path: Path | None) -> "RangeNetwork | None":
-    """Load the network that `--range-network` names; None without it."""
+    """Load the network given by `--range-network`; return None without the flag."""
     if path is None:
         return None
     from jaxslam.range_network import load_network
@@ -122,12 +124,12 @@ def read_network(path: Path | None) -> "RangeNetwork | None":
 
 
 def origin_of(arguments: list[str], seed: int | None = None, **files: Path | None) -> dict[str, object]:
-    """Return what `run.json` says about where a result came from.
+    """Return the provenance of a result for `run.json`.
 
     Args:
-        arguments: of the command line.
-        seed: of the run; None leaves it out.
-        files: input files by name; None where there was none.
+        arguments: arguments of the command line.
+        seed: seed of the run; None leaves it out.
+        files: input files by name; None for a file that was not given.
     """
     from jaxslam.report import file_sha256, versions
 
@@ -158,8 +160,8 @@ def map_log(slam: "RBPF", scans: "PreparedScans", seed: int, *, gif: Path | None
 
     Args:
         slam: the filter.
-        scans: what it runs over.
-        seed: of the key.
+        scans: the scans that it processes.
+        seed: seed of the PRNG key.
         gif: where to write an animation of the map, or None.
     """
     import jax
@@ -191,14 +193,14 @@ def _frames() -> "tuple[Callable[[Snapshot], None], list[Any]]":
 def print_run_summary(
     folder: Path, result: "RunResult", metrics: Mapping[str, Any], lidar: str, next_steps: Iterable[str]
 ) -> None:
-    """Print what a user wants to know first, on stdout.
+    """Print the summary of a run.
 
     Args:
-        folder: of the run.
-        result: of `run_log`.
-        metrics: the content of `metrics.json`.
-        lidar: name of the lidar and where it is from.
-        next_steps: commands that one would want next.
+        folder: run folder.
+        result: result of `run_log`.
+        metrics: content of `metrics.json`.
+        lidar: name of the lidar and its source.
+        next_steps: commands to suggest.
     """
     scans, config = result.scans, result.scans.config
     assert config is not None
@@ -238,7 +240,7 @@ def print_run_summary(
 
 
 def describe_ate(ate: Mapping[str, Any]) -> str:
-    """Describe an absolute trajectory error, as `metrics.json` has it."""
+    """Describe an absolute trajectory error from `metrics.json`."""
     return (
         f"{ate['rmse_m']:.4f} m RMSE, max {ate['max_m']:.3f} m, heading {ate['rot_rmse_deg']:.2f}° "
         f"({ate['n']} poses)"

@@ -8,7 +8,7 @@ from jaxslam.cli.common import Assignments, File, Lidar, Method, Particles, Swit
 
 @dataclass(frozen=True)
 class Config:
-    """Print the configuration as TOML, every setting with its unit, for use with `run --config`."""
+    """Print the configuration as TOML with a comment for each setting, for use with `run --config`."""
 
     lidar: Lidar = None
     """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01, lds-02 or vlp-16."""
@@ -31,7 +31,7 @@ def execute(command: Config, arguments: list[str]) -> None:
     from jaxslam.config.resolve import resolve_config
 
     if command.localization and command.method is not None:
-        raise ValueError("--method is a setting of `run`: leave it out with --localization")
+        raise ValueError("--method applies to `run` only: leave it out with --localization")
     defaults: Any = jaxslam.LocalizationConfig() if command.localization else jaxslam.SlamConfig()
     particles = "max_particles" if command.localization else "num_particles"
     config: Any = resolve_config(
@@ -43,6 +43,6 @@ def execute(command: Config, arguments: list[str]) -> None:
         assignments=command.set,
     )
     if config.lidar is None:
-        print("# The lidar is left out: `jaxslam run` chooses it by the scans of the log.")
+        print("# No lidar is set: `jaxslam run` detects it from the scans of the log.")
         print("# `jaxslam config --lidar NAME` prints its settings.")
     print(toml.dumps(config), end="")

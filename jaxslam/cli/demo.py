@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from jaxslam.viz import MapLayer
 
 _TOLERANCE = 0.1
-"""A wall counts as found within two cells, meters."""
+"""Distance within which a wall counts as found, meters: two cells."""
 
 
 @dataclass(frozen=True)
@@ -71,13 +71,13 @@ def execute(command: Demo, arguments: list[str]) -> None:
         assignments=command.set,
     )
     folder = command.out or Path("runs") / f"demo-s{command.seed}"
-    # The filter does not know the noise of the simulator, so it has another key.
+    # The filter must not share the random numbers of the simulator, so the simulator has another key.
     key = jax.random.fold_in(jax.random.key(command.seed), 1)
     log, truth = jaxslam.sim.drive(command.world, key=key, duration=command.duration)
     make_folder(folder)
     slam, scans = jaxslam.prepare(log, config, range_network=network)
     result = map_log(slam, scans, command.seed, gif=folder / "map.gif" if command.gif else None)
-    assert log.odometry is not None  # every simulated robot has wheels
+    assert log.odometry is not None  # every simulated log has wheel odometry
     error = reference_error(truth.stamps, truth.poses, result.all_stamps, result.all_poses, log.odometry)
     layer, figures = _compare(truth, result)
     origin = origin_of(arguments, command.seed, range_network=command.range_network)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from jaxslam.io import OdometryTrack, SensorLog
 
 _GPS_WITHIN = 0.3
-"""A fix and a pose further apart in time than this are not compared, seconds."""
+"""Largest time between a fix and a pose that are compared, seconds."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,9 @@ def execute(command: Fuse, arguments: list[str]) -> None:
 
     log = read_log(command.log, odom_topic=command.odom_topic, imu_topic=command.imu_topic)
     if log.imu is None:
-        raise LogError(f"{log.path}: no IMU in it, so there is nothing to fuse (see `jaxslam info`)")
+        raise LogError(
+            f"{log.path}: no IMU in it, so there is nothing to fuse: give a log with an IMU (see `info`)"
+        )
     odometry = log.odometry
     if command.wheel_radius is not None or command.track is not None:
         odometry = _wheels(command, log)
@@ -98,8 +100,8 @@ def execute(command: Fuse, arguments: list[str]) -> None:
         "gyro_bias_rad_s": yaw.bias,
     }
     lines = {
-        "odometry": f"{fused.readings['odometry']} readings, {fused.refused['odometry']} refused by the gate",
-        "IMU": f"{fused.readings['imu']} readings, {fused.refused['imu']} refused; up is "
+        "odometry": f"{fused.readings['odometry']} readings, {fused.refused['odometry']} rejected by gating",
+        "IMU": f"{fused.readings['imu']} readings, {fused.refused['imu']} rejected; up is "
         f"{_axis_name(yaw.axis)} ({yaw.source}), bias {yaw.bias:.2e} rad/s",
     }
     if fixes is not None:
@@ -124,7 +126,9 @@ def _wheels(command: Fuse, log: "SensorLog") -> "OdometryTrack":
     if command.wheel_radius is None or command.track is None:
         raise ValueError("--wheel-radius and --track go together: give both, meters")
     if log.joints is None:
-        raise LogError(f"{log.path}: no wheel angles (JointState) in it for --wheel-radius and --track")
+        raise LogError(
+            f"{log.path}: no wheel angles (JointState) in it: leave out --wheel-radius and --track"
+        )
     return wheel_odometry(log.joints, command.wheel_radius, command.track)
 
 
@@ -136,7 +140,7 @@ def _fixes(log: "SensorLog") -> "tuple[Float64[np.ndarray, 'M'], Float64[np.ndar
     from jaxslam.io.gps import east_north
 
     if log.fixes is None:
-        raise LogError(f"{log.path}: no GPS fix in it for --gps")
+        raise LogError(f"{log.path}: no GPS fix in it: leave out --gps")
     return log.fixes.stamps, np.pad(east_north(log.fixes.positions), ((0, 0), (0, 1)))
 
 
@@ -154,7 +158,7 @@ def _axis_name(axis: "Float64[np.ndarray, '3']") -> str:
 
 
 def _save_sigmas(path: Path, fused: "FusedMotion") -> None:
-    """Write a picture of three standard deviations of position and heading over time."""
+    """Draw three standard deviations of position and heading over time."""
     import numpy as np
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -34,7 +34,7 @@ def execute(command: Info, arguments: list[str]) -> None:
     print(summarize(log))
     missing = [name for name in ("scans", "odometry") if getattr(log, name) is None]
     if missing:
-        print(f"cannot map    it has no {' and no '.join(missing)}")
+        print(f"cannot map    the log has no {' and no '.join(missing)}")
     if log.scans is not None and len(log.scans.stamps):
         preset = detect_lidar(log)
         print(f"lidar preset  {preset.name}")

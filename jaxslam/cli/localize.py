@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from jaxslam.pipeline.localize import Cloud, LocalizationResult
 
 _FAR = 1e5
-"""Up to this distance, meters, single precision resolves a centimeter."""
+"""Distance up to which single precision resolves a centimeter, meters."""
 
 
 @dataclass(frozen=True)
@@ -137,8 +137,8 @@ def _warn_if_far(path: Path, map: "OccupancyMap") -> None:
         precision = float(np.spacing(np.float32(farthest)))
         warn(
             [
-                f"{path}: its origin is {farthest:.0f} m off, where positions are only good to "
-                f"{precision:.2g} m: move the origin"
+                f"{path}: its origin is {farthest:.0f} m away from 0, where positions are resolved to only "
+                f"{precision:.2g} m: move the origin closer to 0"
             ]
         )
 
@@ -146,14 +146,14 @@ def _warn_if_far(path: Path, map: "OccupancyMap") -> None:
 def _error(
     result: "LocalizationResult", reference: "Trajectory", log: "SensorLog", command: Localize
 ) -> "TrajectoryError | None":
-    """Measure the error in the map frame from the first agreement on: before it there is no estimate."""
+    """Measure the error in the map frame from the first agreement on; there is no estimate before."""
     import numpy as np
 
     from jaxslam.report import reference_error
 
     assert log.odometry is not None  # `prepare_localization` has checked it
     if not result.agreed.any():
-        warn((f"{command.reference}: no error is given: the particles never agreed",))
+        warn((f"{command.reference}: no error is reported: the particles never agreed",))
         return None
     since = result.all_stamps >= result.stamps[np.argmax(result.agreed)]
     try:
@@ -161,8 +161,8 @@ def _error(
             *reference, result.all_stamps[since], result.all_poses[since], log.odometry, align=False
         )
     except ValueError as error:
-        # The run is complete without it.
-        warn((f"{command.reference}: no error is given: since the particles first agreed, {error}",))
+        # The run is complete without the error.
+        warn((f"{command.reference}: no error is reported: since the particles first agreed, {error}",))
         return None
 
 

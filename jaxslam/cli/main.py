@@ -1,4 +1,4 @@
-"""The entry point: parse, run a command, and report every error as one clear line."""
+"""Parse the command line, run a command, and report every error as one line."""
 
 import contextlib
 import difflib
@@ -16,14 +16,14 @@ _EXTRAS = {
     "study": ("optuna", "sqlalchemy", "cmaes", "sklearn"),
     "cluster": ("dask", "distributed"),
 }
-"""Modules that the commands need beyond those of the core, by the extra that installs them."""
+"""Modules that the commands need in addition to the core, by the extra that installs them."""
 
 _NOT_A_NUMBER = re.compile(
     r"Error parsing (?P<flag>--[\w-]+): "
     r"(?:no type matching \{None\}\||invalid literal for |could not convert string to )"
     r"(?P<type>INT|FLOAT|int\(\)|float)[^'\"]*(?P<value>'[^']*'|\"[^\"]*\")\]?\.?"
 )
-"""tyro's messages for a value that is not a number."""
+"""Messages of tyro for a value that is not a number."""
 
 _BAD_INPUT = 2
 _INTERRUPTED = 130
@@ -31,21 +31,21 @@ _OUTPUT_CLOSED = 141
 
 
 class UsageError(ValueError):
-    """A command line that is wrong; the message is one line."""
+    """An error in the command line; the message is one line."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the `jaxslam` command.
 
     Args:
-        arguments: without the name of the program; None takes those of the process.
+        arguments: arguments without the name of the program; None takes the arguments of the process.
 
     Returns:
         The exit code: 0; 2 for a wrong command line or unusable data; 130 if interrupted; 141 if the reader
         of the output has closed it.
     """
     arguments = sys.argv[1:] if arguments is None else list(arguments)
-    # Pipes and old consoles may lack the characters of the units: a replacement is better than no output.
+    # Pipes and old consoles may not encode the characters of units: replace them instead of failing.
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
@@ -81,20 +81,20 @@ def _dispatch(arguments: Sequence[str]) -> int:
         return 0
     try:
         command = parse(arguments or ["--help"])
-    except SystemExit:  # the help was asked for and printed
+    except SystemExit:  # the help was requested and printed
         return 0
     sys.modules[type(command).__module__].execute(command, list(arguments))
     return 0
 
 
 def parse(arguments: Sequence[str]) -> object:
-    """Return the command that the arguments ask for, an instance of a class beside its `execute`.
+    """Return the requested command, an instance of a class whose module defines `execute`.
 
     Raises:
         UsageError: the arguments are wrong.
-        SystemExit: the help was asked for and printed.
+        SystemExit: the help was requested and printed.
     """
-    # Importing a command imports neither JAX nor matplotlib, so that the help appears at once.
+    # Command modules import neither JAX nor matplotlib, so that the help appears at once.
     import tyro
 
     from jaxslam.cli.config import Config
@@ -182,7 +182,7 @@ def _output_closed() -> int:
     """Handle a reader that stops early, as `head` does: this is not an error.
 
     Returns:
-        The exit code of a process that the system ends for it.
+        The exit code of a process that is ended by SIGPIPE.
     """
     # At exit, Python would flush the rest of the buffer and report the same error.
     with contextlib.suppress(OSError, ValueError):

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from jaxslam.pipeline.run import RunResult
 
 _FEW_RELATIONS = 0.9
-"""A log with a smaller share of the relations may be another log, or only a part of it."""
+"""Fraction of the relations within the log below which the log may be the wrong one."""
 
 
 @dataclass(frozen=True)
@@ -117,11 +117,11 @@ def execute(command: Run, arguments: list[str]) -> None:
         assignments=command.set,
     )
     if command.imu_yaw_axis is not None and config.fusion.use == "off":
-        raise ValueError("--imu-yaw-axis needs --fuse, which was not given")
+        raise ValueError("--imu-yaw-axis has no effect without fusion: give --fuse too")
     slam, scans = jaxslam.prepare(log, config, range_network=network)
     if scans.yaw is not None:
         warn_if_assumed(scans.yaw)
-    # All inputs are read and checked before the filter spends its minutes.
+    # Read and check all inputs before the filter runs for minutes.
     measure = _measures(command, log)
     folder = command.out or default_folder(command.log, config.method, command.seed)
     make_folder(folder)

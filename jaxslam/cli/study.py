@@ -17,7 +17,7 @@ class Study:
     """Tune settings over many runs, as a file describes; `study report STORAGE` prints the results."""
 
     plan: Annotated[Path, Positional, arg(metavar="CONFIG.toml")]
-    """What is tuned on which logs; the guide `study` and notebooks/06_study.ipynb show one."""
+    """Study file: logs, objectives and settings to tune; notebooks/06_study.ipynb shows one."""
     trials: Annotated[
         int | None, arg(metavar="N", help_behavior_hint="(default: from the file, otherwise 50)")
     ] = None
@@ -58,10 +58,10 @@ def execute(command: Study, arguments: list[str]) -> None:
     url = storage_url(storage)
     if "://" not in storage:
         _make_folder_of(Path(storage))
-    # Before the logs are read.
+    # Check the storage before the logs are read.
     connect(url)
     if command.cluster is not None:
-        # Dask is an extra of its own.
+        # Dask is an optional dependency of its own.
         from jaxslam.study.workers import check_cluster, run_on_cluster
 
         check_cluster(command.cluster, url)
@@ -88,15 +88,15 @@ def execute(command: Study, arguments: list[str]) -> None:
 
 
 def _spread_runs(plan: "Plan") -> None:
-    """Over the cores: those of a trial, or of a batch; a worker of a cluster has its own."""
+    """Distribute the runs of a trial or of a batch over the CPU cores; cluster workers do so on their own."""
     import jax
 
     from jaxslam.xla.sharding import cores
 
-    # More devices than runs would repeat some. Where time is told, configurations run one by one.
+    # More devices than runs would repeat runs. If time is an objective, configurations run one by one.
     runs = len(plan.seeds) * (1 if "time" in plan.objectives else plan.batch)
     devices = min(len(cores()), runs)
-    # JAX has begun where this is called from Python: then it stays as it is.
+    # After JAX has started, as in a call from Python, the number of devices cannot change.
     with suppress(RuntimeError):
         jax.config.update("jax_num_cpu_devices", devices)
 
@@ -105,7 +105,9 @@ def _make_folder_of(storage: Path) -> None:
     try:
         storage.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ValueError(f"--storage {storage}: its folder cannot be made: {error.strerror}") from None
+        raise ValueError(
+            f"--storage {storage}: its folder cannot be created ({error.strerror}): give another path"
+        ) from None
 
 
 def _describe(plan: "Plan", storage: str, before: int) -> None:
@@ -113,7 +115,7 @@ def _describe(plan: "Plan", storage: str, before: int) -> None:
 
     print(f"study     {plan.name}: {plan.trials} trials by {plan.sampler}, {before} of them in {storage}")
     print(f"logs      {', '.join(source.name for source in plan.sources)}; seeds {_listed(plan.seeds)}")
-    print(f"smaller   {', '.join(OBJECTIVES[name].label for name in plan.objectives)}")
+    print(f"minimize  {', '.join(OBJECTIVES[name].label for name in plan.objectives)}")
     for parameter in plan.space.parameters:
         print(f"space     {parameter}")
 
@@ -127,7 +129,7 @@ def _say(store: "Store", told: "TrialResult") -> None:
 
 
 def _held_out(plan: "Plan", settings: dict) -> str:
-    """The best settings beside those of the base, where they were tuned and where they were not."""
+    """Compare the best settings with the base settings, on the tuning logs and on held-out logs."""
     from jaxslam.study import OBJECTIVES, held_out_table
 
     labels = [OBJECTIVES[name].label for name in plan.objectives]
@@ -140,7 +142,7 @@ def _held_out(plan: "Plan", settings: dict) -> str:
 
 
 def _cells(outcome: list[float] | str, count: int) -> list[str]:
-    """One for each objective; why there is none stands in the first."""
+    """Return one cell for each objective; the first cell of a failed trial has the reason."""
     if isinstance(outcome, str):
         return [f"failed: {outcome}", *[""] * (count - 1)]
     return [f"{value:.4g}" for value in outcome]

@@ -54,21 +54,21 @@ def execute(command: TrainRange, arguments: list[str]) -> None:
     check_seed(command.seed)
     check_sizes(command.neurons, command.restarts)
     if not command.data:
-        raise ValueError("give readings to learn from: FILE.csv, or LOG:METERS of a wall (see --help)")
+        raise ValueError("give training readings: FILE.csv, or LOG:METERS of a wall (see --help)")
     readings = Readings.joined([read_readings(source, bearing=command.bearing) for source in command.data])
     if readings.num_lost:
         warn([f"{readings.num_lost} readings without a return are left out"])
     if len(readings.distances) < 2:
         raise ValueError(
-            f"all readings are at one distance ({readings.distances[0]:g} m): what a lidar is off by from "
-            "one distance to another takes two or more"
+            f"all readings are at one distance ({readings.distances[0]:g} m): give readings at two or more "
+            "distances"
         )
     split = Split.from_readings(readings, command.held_out or None)
     if not split.validation.any():
-        warn(["too few distances to validate at some of them: only the mean reading of each is learnt"])
-    # Before the training: a name that cannot be written should not cost it.
+        warn(["too few distances for a validation set: only the mean reading of each distance is learned"])
+    # Check the output before the training, so that a bad name does not waste it.
     if command.out.is_dir():
-        raise ValueError(f"{command.out}: is a folder: give the name of a file")
+        raise ValueError(f"{command.out}: is a folder: give a file name")
     folder = command.out.with_name(f"{command.out.stem}-training")
     make_folder(folder)
     print(f"readings  {len(readings.true)} at {len(readings.distances)} distances")
@@ -82,7 +82,7 @@ def execute(command: TrainRange, arguments: list[str]) -> None:
         )
 
     begun = time.perf_counter()
-    learnt = learn(
+    trained = learn(
         jax.random.key(command.seed),
         readings,
         split,
@@ -92,20 +92,20 @@ def execute(command: TrainRange, arguments: list[str]) -> None:
         on_attempt=say,
     )
     seconds = time.perf_counter() - begun
-    save_network(command.out, learnt.network)
+    save_network(command.out, trained.network)
     origin = origin_of(arguments, command.seed, network=command.out)
     origin |= {"method": command.method, "seconds": seconds}
-    rows = write_training(folder, learnt, readings, origin)
-    print(f"chosen    {learnt.network.num_neurons} neurons, in {seconds:.1f} s with compilation\n")
+    rows = write_training(folder, trained, readings, origin)
+    print(f"chosen    {trained.network.num_neurons} neurons, in {seconds:.1f} s with compilation\n")
     print(error_table(rows))
     roles = {row.role: row for row in role_errors(rows)}
-    seen = next((row for role, row in roles.items() if role.startswith("learnt")), None)
+    seen = roles.get("training")
     if seen is not None:
         print(
-            f"\nMSE at distances that were learnt: {seen.corrected_rmse**2:.3g} m² (the paper's: "
-            f"{PAPERS_MSE:.3g}). Only those held out\ntell what it is in between: a network can learn a "
-            "staircase, right at the distances it was shown."
+            f"\nMSE at training distances: {seen.corrected_rmse**2:.3g} m² (Jamaludin et al.: "
+            f"{PAPERS_MSE:.3g}). Only held-out distances\nshow the error in between: a network can fit a "
+            "staircase that is right at the training distances alone."
         )
     if "held out" not in roles:
-        print("Nothing was held out: see --held-out.")
+        print("No distance was held out: see --held-out.")
     print(f"written   {command.out}, {folder} (errors.png, histograms.png, training.json, …)")

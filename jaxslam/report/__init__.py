@@ -1,4 +1,4 @@
-"""What a run leaves on disk: the run folder, its figures, and where they came from."""
+"""Write run folders: results, metrics, pictures and their provenance."""
 
 from jaxslam.metrics.summary import reference_error, relation_figures, trajectory_figures
 from jaxslam.report.folder import default_folder, make_folder, write_run

@@ -1,4 +1,4 @@
-"""Where a result came from: versions, checksums, memory."""
+"""Record the provenance of a result: versions, checksums, memory."""
 
 import hashlib
 import importlib.metadata
@@ -11,16 +11,16 @@ _BLOCK = 1 << 20
 
 
 def versions() -> dict[str, str]:
-    """Versions of this package, of what it computes with, of Python and of the platform."""
+    """Return the versions of this package, of its main dependencies, of Python and of the platform."""
     found = {name: importlib.metadata.version(name) for name in _PACKAGES}
     return {**found, "python": platform.python_version(), "platform": platform.platform()}
 
 
 def file_sha256(path: Path) -> str:
-    """Checksum of a file; of a folder, that of the names and contents of its files in order.
+    """Return the SHA-256 checksum of a file, or of the sorted names and contents of the files of a folder.
 
     Raises:
-        OSError: it cannot be read.
+        OSError: the file or the folder cannot be read.
     """
     digest = hashlib.sha256()
     for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
@@ -34,10 +34,10 @@ def file_sha256(path: Path) -> str:
 
 
 def peak_rss_mb() -> float | None:
-    """Largest resident memory of this process so far, MB (10⁶ bytes); None where it cannot be known."""
+    """Return the peak resident memory of this process, MB (10⁶ bytes); None if the system hides it."""
     status = Path("/proc/self/status")
     if status.exists():
-        # `getrusage` would count what the parent process used before it started this one.
+        # `getrusage` would include memory that the parent process used before it started this one.
         for line in status.read_text(encoding="ascii", errors="replace").splitlines():
             if line.startswith("VmHWM:"):
                 return int(line.split()[1]) * 1024 / 1e6

@@ -1,4 +1,4 @@
-"""What a network does to a lidar's readings: the error table and the third paper's figures 8 to 13."""
+"""The errors of a range network: a table, and the figures 8 to 13 of Jamaludin et al."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,23 +17,23 @@ from jaxslam.report.folder import write_json
 from jaxslam.viz import style
 
 PAPERS_MSE = 9.55e-5
-"""Of the third paper, at the distances that its network had learnt, m²."""
+"""Mean squared error of Jamaludin et al. at the training distances, m²."""
 _RAW, _CORRECTED = style.REFERENCE, style.ESTIMATE
-_ROLES = {"training": "learnt from", "validation": "validation", "held_out": "held out"}
+_ROLES = {"training": "training", "validation": "validation", "held_out": "held out"}
 _SHOWN = (1.0, 3.0)
 """Distances of the histograms, meters."""
 
 
 @dataclass(frozen=True)
 class DistanceErrors:
-    """What the readings at one distance are off by, meters.
+    """Errors of the readings at one distance, meters.
 
     Attributes:
         distance: true distance.
-        role: "learnt from", "validation" or "held out".
-        count: readings.
-        raw_mean, raw_std: of reading minus distance.
-        corrected_mean, corrected_std: the same after the correction.
+        role: "training", "validation" or "held out".
+        count: number of readings.
+        raw_mean, raw_std: mean and standard deviation of reading minus distance.
+        corrected_mean, corrected_std: the same for the corrected readings.
     """
 
     distance: float
@@ -47,14 +47,14 @@ class DistanceErrors:
 
 @dataclass(frozen=True)
 class RoleErrors:
-    """What all readings of a role are off by.
+    """Errors of all readings with one role.
 
     Attributes:
-        role: as in `DistanceErrors`.
-        raw_rmse: before the correction, meters.
-        corrected_rmse: after it, meters.
-        noise: root mean square of what readings at one distance scatter about their own mean, meters: the
-            floor for a correction by distance, but for the noise that it flattens.
+        role: role as in `DistanceErrors`.
+        raw_rmse: RMSE before the correction, meters.
+        corrected_rmse: RMSE after the correction, meters.
+        noise: RMS deviation of the readings from the mean reading at their distance, meters. A correction
+            that depends on the distance only cannot go below it, except by flattening noise.
     """
 
     role: str
@@ -64,7 +64,7 @@ class RoleErrors:
 
 
 def distance_errors(network: RangeNetwork, readings: Readings, split: Split) -> list[DistanceErrors]:
-    """Error by distance, ascending."""
+    """Return the errors at each distance, in ascending order of distance."""
     corrected = corrected_readings(network, readings)
     rows = []
     for distance in readings.distances:
@@ -86,7 +86,7 @@ def distance_errors(network: RangeNetwork, readings: Readings, split: Split) -> 
 
 
 def role_errors(rows: list[DistanceErrors]) -> list[RoleErrors]:
-    """Errors over all readings of each role."""
+    """Combine the errors at single distances into errors of all readings of each role."""
     found = []
     for role in dict.fromkeys(row.role for row in rows):
         chosen = [row for row in rows if row.role == role]
@@ -107,12 +107,12 @@ def role_errors(rows: list[DistanceErrors]) -> list[RoleErrors]:
 
 
 def corrected_readings(network: RangeNetwork, readings: Readings) -> Float64[np.ndarray, "M"]:
-    """The readings after the network, meters."""
+    """Return the readings corrected by the network, meters."""
     return np.asarray(network(jnp.asarray(readings.measured, jnp.float32)), np.float64)
 
 
 def error_table(rows: list[DistanceErrors]) -> str:
-    """Errors by distance in millimeters, and by role, as text."""
+    """Format the errors by distance and by role as text, millimeters."""
     lines = [
         f"{'distance':>10} {'readings':>9} {'error':>16} {'corrected':>16}  ",
         f"{'m':>10} {'':>9} {'mean ± std, mm':>16} {'mean ± std, mm':>16}  role",
@@ -131,22 +131,22 @@ def error_table(rows: list[DistanceErrors]) -> str:
 
 
 def write_training(
-    folder: Path, learnt: TrainingResult, readings: Readings, origin: dict[str, object]
+    folder: Path, training: TrainingResult, readings: Readings, origin: dict[str, object]
 ) -> list[DistanceErrors]:
-    """Writes the figures and `training.json` into a folder that is there; returns the error by distance.
+    """Write the figures and `training.json` into an existing folder, and return the errors by distance.
 
     Raises:
         OSError: a file cannot be written.
     """
-    rows = distance_errors(learnt.network, readings, learnt.split)
-    _save_figures(folder, learnt, readings, rows)
+    rows = distance_errors(training.network, readings, training.split)
+    _save_figures(folder, training, readings, rows)
     write_json(
         folder / "training.json",
         {
             **origin,
             "readings": len(readings.true),
             "lost": readings.num_lost,
-            "attempts": [asdict(attempt) for attempt in learnt.attempts],
+            "attempts": [asdict(attempt) for attempt in training.attempts],
             "distances": [asdict(row) for row in rows],
             "roles": [asdict(row) for row in role_errors(rows)],
         },
@@ -155,9 +155,9 @@ def write_training(
 
 
 def _save_figures(
-    folder: Path, learnt: TrainingResult, readings: Readings, rows: list[DistanceErrors]
+    folder: Path, training: TrainingResult, readings: Readings, rows: list[DistanceErrors]
 ) -> None:
-    """Figures 8 to 13: readings over distances, errors, histograms at two distances, standard deviations."""
+    """Draw readings, errors and standard deviations over distance, and histograms at two distances."""
     distance = np.array([row.distance for row in rows])
     held_out = np.array([row.role == "held out" for row in rows])
     pairs = (("raw", _RAW, "read"), ("corrected", _CORRECTED, "corrected"))
@@ -186,7 +186,7 @@ def _save_figures(
     style.curve_axes(ax, "distance (m)", "mean error (mm)")
     _save(figure, folder / "errors.png")
 
-    corrected = corrected_readings(learnt.network, readings)
+    corrected = corrected_readings(training.network, readings)
     figure, axes = _figure(len(_SHOWN))
     for ax, wanted in zip(axes, _SHOWN, strict=True):
         nearest = distance[np.argmin(np.abs(distance - wanted))]
@@ -208,11 +208,11 @@ def _save_figures(
     _save(figure, folder / "deviations.png")
 
     figure, (ax,) = _figure(1)
-    history = np.sqrt(np.asarray(learnt.fit.history, np.float64))
+    history = np.sqrt(np.asarray(training.fit.history, np.float64))
     history = history[np.isfinite(history[:, 0])]
     for values, color, label in zip(history.T, (_RAW, _CORRECTED), ("training", "validation"), strict=True):
         ax.semilogy(np.arange(1, len(values) + 1), 1e3 * values, color=color, label=label)
-    ax.axvline(int(learnt.fit.steps), color=style.NEUTRAL, linewidth=0.8, linestyle="--", label="kept")
+    ax.axvline(int(training.fit.steps), color=style.NEUTRAL, linewidth=0.8, linestyle="--", label="kept")
     style.curve_axes(ax, "step", "RMSE (mm)")
     _save(figure, folder / "training.png")
 

@@ -169,7 +169,7 @@ def test_a_reference_that_ends_before_the_particles_agree_costs_no_run(drive, tm
     folder, _ = drive
     early = _shifted(tmp_path / "early.tum", folder / "truth.tum", slice(0, 3), 0.0)
     assert run(drive, tmp_path / "new", "--global", "--reference", str(early)) == 0
-    assert "early.tum: no error is given" in capsys.readouterr().err
+    assert "early.tum: no error is reported" in capsys.readouterr().err
     metrics = json.loads((tmp_path / "new" / "metrics.json").read_text())
     assert "ate" not in metrics
     assert (tmp_path / "new" / "trajectory.tum").stat().st_size > 0
@@ -181,7 +181,7 @@ def test_a_map_far_from_its_origin_is_warned_of(drive, tmp_path, capsys):
     _edit(tmp_path, "origin: [-0.5", "origin: [4500000")
     given = ["localize", str(drive[0] / "drive.log"), "--map", str(tmp_path / "hall.yaml"), "--global"]
     assert main([*given, *SMALL, "--out", str(tmp_path / "out")]) == 0
-    assert "positions are only good to 0.5 m" in capsys.readouterr().err
+    assert "positions are resolved to only 0.5 m" in capsys.readouterr().err
 
 
 def test_a_map_without_free_space_is_told(drive, tmp_path, capsys):

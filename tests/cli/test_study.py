@@ -235,7 +235,7 @@ def complaint_of(*arguments):
         (("", ""), ["--trials", "0"], "--trials is 0: give 1 or more"),
         (("", ""), ["--trials", "many"], "--trials"),
         (("", ""), ["--storage", "."], "unable to open database file"),
-        (("", ""), ["--storage", "plan.toml/a.db"], "its folder cannot be made"),
+        (("", ""), ["--storage", "plan.toml/a.db"], "its folder cannot be created"),
         (("", ""), ["--storage", "plan.toml"], "file is not a database"),
         (("", ""), ["--storage", "/proc/study.db"], "/proc/study.db: this storage cannot be used"),
         (

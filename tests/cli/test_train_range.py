@@ -122,7 +122,7 @@ def test_errors_by_distance_and_by_role(trained):
     assert [row["distance"] for row in rows] == sorted(row["distance"] for row in rows)
     assert sum(row["count"] for row in rows) == training["readings"]
     roles = {row["role"]: row for row in training["roles"]}
-    assert set(roles) == {"learnt from", "validation", "held out"}
+    assert set(roles) == {"training", "validation", "held out"}
     # At distances of which nothing was learnt: 51 mm raw, and 19 mm of noise.
     assert roles["held out"]["corrected_rmse"] < 1.25 * roles["held out"]["noise"]
     assert roles["held out"]["raw_rmse"] > 2 * roles["held out"]["corrected_rmse"]
@@ -148,11 +148,11 @@ def test_the_table_is_printed(trained):
     assert float(row.split()[2]) == pytest.approx(1e3 * float(BIAS(jnp.asarray(2.42))), abs=10.0)
     assert sum(line.endswith("  held out") for line in lines) == 7
     below = lines[next(index for index, line in enumerate(lines) if "RMSE, mm" in line) + 1 :]
-    assert [line[:20].strip() for line in below[:3]] == ["learnt from", "held out", "validation"]
+    assert [line[:20].strip() for line in below[:3]] == ["training", "held out", "validation"]
     raw, corrected, noise = (float(number) for number in below[1][20:].split())
     assert corrected < 1.25 * noise < 0.6 * raw
-    assert "MSE at distances that were learnt: 0.000" in printed
-    assert "Nothing was held out" not in printed
+    assert "MSE at training distances: 0.000" in printed
+    assert "No distance was held out" not in printed
     assert lines[-1].startswith(f"written   {folder / 'lds.eqx'}, {folder / 'lds-training'} (errors.png")
 
 
@@ -178,25 +178,25 @@ def test_few_distances_are_warned_of_and_several_tables_joined(tmp_path, capsys)
     assert main([*given, one, two, more, "--held-out", "2"]) == 0
     printed = capsys.readouterr()
     assert printed.err == (
-        "jaxslam: warning: too few distances to validate at some of them: only the mean reading of each is "
-        "learnt\n"
+        "jaxslam: warning: too few distances for a validation set: only the mean reading of each "
+        "distance is learned\n"
     )
     training = strict_json(tmp_path / "a-training" / "training.json")
     assert [(row["distance"], row["count"], row["role"]) for row in training["distances"]] == [
-        (1.0, 3, "learnt from"),
+        (1.0, 3, "training"),
         (2.0, 3, "held out"),
-        (3.0, 3, "learnt from"),
-        (4.0, 3, "learnt from"),
-        (5.0, 3, "learnt from"),
+        (3.0, 3, "training"),
+        (4.0, 3, "training"),
+        (5.0, 3, "training"),
     ]
     corrected = {row["distance"]: row["corrected_mean"] for row in training["distances"]}
     assert max(abs(corrected[distance]) for distance in (1.0, 3.0, 4.0, 5.0)) < 0.001
     # Off by 20 mm all over: the one in between as well.
     assert abs(corrected[2.0]) < 0.02
-    assert "Nothing was held out" not in printed.out
+    assert "No distance was held out" not in printed.out
     # Without naming one, nothing is.
     assert main([*given, one, more]) == 0
-    assert "Nothing was held out: see --held-out." in capsys.readouterr().out
+    assert "No distance was held out: see --held-out." in capsys.readouterr().out
 
 
 def test_same_seed_same_bytes(tmp_path):
@@ -231,8 +231,8 @@ def test_a_turtlebot_before_walls(data_dir, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("data", "flags", "message"),
     [
-        ([], [], "give readings to learn from: FILE.csv, or LOG:METERS of a wall"),
-        (["one.csv"], [], "all readings are at one distance (1 m): what a lidar is off by"),
+        ([], [], "give training readings: FILE.csv, or LOG:METERS of a wall"),
+        (["one.csv"], [], "all readings are at one distance (1 m): give readings at two or more"),
         (["good.csv"], ["--held-out", "1.5"], "no readings at 1.5 m, which are to be held out: the nearest"),
         (["good.csv"], ["--held-out", "1", "3"], "one distance (2 m) is left to learn from"),
         (["good.csv"], ["--neurons", "0"], "num_neurons is 0: give 1 or more"),

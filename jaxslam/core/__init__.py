@@ -1,1 +1,1 @@
-"""What everything else is made of: poses, scans, flags, small matrices and checks."""
+"""Building blocks of every other package: poses, scans, flags, small matrices and parameter checks."""

@@ -1,4 +1,4 @@
-"""What can go wrong inside a jitted step, as bits of one integer."""
+"""Problems that a jitted step can report, as bits of one integer."""
 
 import enum
 
@@ -7,14 +7,14 @@ class Flag(enum.IntFlag):
     """Bits of `StepInfo.flags`; `jaxslam.pipeline.run` turns them into errors and warnings on the host."""
 
     OFF_MAP = enum.auto()
-    """A particle's window reached over the edge of the map: part of what it saw was not mapped."""
+    """A particle's window crossed the edge of the map, so part of its scan was not mapped."""
     NONFINITE_WEIGHT = enum.auto()
     """A particle's weight was NaN or infinite; the particle was given weight zero."""
     NONFINITE_POSE = enum.auto()
     """A particle's pose was NaN or infinite; it kept its predicted pose."""
     FEW_VALID_BEAMS = enum.auto()
-    """The scan had too few returns to say anything: the pose is odometry alone."""
+    """The scan had too few valid beams to localize with: the pose comes from odometry alone."""
     SEARCHED = enum.auto()
-    """The matcher had lost the map for at least one particle and searched a wider area."""
+    """The matcher found too few inliers for at least one particle and searched a wider area."""
     MATCH_FAILED = enum.auto()
-    """The match of at least one particle explained too little of the scan: the motion model moved it."""
+    """The match of at least one particle had too few inliers; the motion model sampled its pose instead."""

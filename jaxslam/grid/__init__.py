@@ -1,4 +1,4 @@
-"""Occupancy grids: where cells lie, what a scan does to them, how far obstacles are."""
+"""Occupancy grids: cell geometry, integration of scans, and distances to obstacles."""
 
 from jaxslam.grid.distance import squared_distance
 from jaxslam.grid.field import DistanceField, Field, field_of_map, prepare_field, window_rows

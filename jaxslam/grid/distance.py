@@ -11,37 +11,37 @@ MAX_RADIUS = 10
 
 
 def squared_distance(occupied: Bool[Array, "H W"], radius: int) -> UInt8[Array, "H W"]:
-    """Squared Euclidean distance in cells to the nearest occupied cell, truncated to `radius² + 1`.
+    """Return the squared Euclidean distance in cells to the nearest occupied cell, at most `radius² + 1`.
 
     Example:
         One occupied cell and `radius=2`: 0 there, 1 beside it, 2 across the corner, 4 two cells away, else 5.
     """
     height, width = occupied.shape
-    # Empty columns between the rows keep a flat shift from reaching into the neighboring row.
+    # Empty columns between the rows keep a shift of the flat array from reaching the neighboring row.
     padded = jnp.pad(occupied, ((margin_rows(radius),) * 2, (0, radius))).astype(jnp.int8)
     return squared_distance_flat(padded, jnp.int8(0), radius).reshape(height, width + radius)[:, :width]
 
 
 def margin_rows(radius: int) -> int:
-    """Rows above and below that `squared_distance_flat` reads and does not return."""
+    """Return the number of rows above and below that `squared_distance_flat` reads but does not return."""
     return radius + 1
 
 
 def squared_distance_flat(
     cells: Int8[Array, "H W"], occupied_above: Int8[Array, ""], radius: int
 ) -> UInt8[Array, "cells"]:
-    """As `squared_distance`, row after row, and cheaper: wrong within `radius` columns of the sides.
+    """Return `squared_distance` as a flat array, at lower cost, wrong within `radius` columns of the sides.
 
-    There a distance may be taken to the neighboring row's other end. The first and last
-    `margin_rows(radius)` rows are read only; the result has the others. For that the whole transform is
-    `4 · radius` shifted reads of flat arrays and compiles to a few vector instructions per cell.
+    Near the sides a distance may refer to the other end of the neighboring row. The first and last
+    `margin_rows(radius)` rows are only read; the result omits them. The whole transform is `4 · radius`
+    shifted reads of flat arrays and compiles to a few vector instructions per cell.
 
-    Separable min-plus (lower envelope of parabolas), along the rows and then along the columns.
+    The method is a separable min-plus transform (lower envelope of parabolas), rows first, then columns.
 
     Args:
-        cells: `[H, W]`, those over `occupied_above` are occupied.
-        occupied_above: see there.
-        radius: of the truncation, cells (static).
+        cells: `[H, W]`; cells over `occupied_above` are occupied.
+        occupied_above: the threshold.
+        radius: truncation radius, cells (static).
     """
     if not 1 <= radius <= MAX_RADIUS:
         raise ValueError(f"radius is {radius} cells: choose 1 to {MAX_RADIUS}")
@@ -58,7 +58,7 @@ def squared_distance_flat(
     def along_columns(rows: UInt8[Array, "rows"]) -> UInt8[Array, "cells"]:
         return _lower_envelope(rows, rows.shape[0] - 2 * radius * width, radius, stride=width)
 
-    # Each once: fused, one would be computed anew for every shift of the next.
+    # Materialized: if fused, each stage would be recomputed for every shift of the next.
     seeds = materialize(seed, (cells, occupied_above))
     return materialize(along_columns, materialize(along_rows, seeds))
 
@@ -78,14 +78,14 @@ def _lower_envelope(values: UInt8[Array, "n"], size: int, radius: int, stride: i
 
 
 def distance_to_nearest(occupied: Bool[Array, "H W"], reach: Int[Array, ""] | int) -> Float[Array, "H W"]:
-    """Euclidean distance in cells to the nearest occupied cell of a whole map, at most `reach`.
+    """Return the Euclidean distance in cells to the nearest occupied cell of a whole map, at most `reach`.
 
-    Along the rows first, exactly, then over the rows within reach: cheap enough to be done once per map,
-    and with no bound on the distance but the caller's.
+    Distances along the rows are computed first, then minimized over the rows within reach. This is cheap
+    enough to run once per map, and `reach` may be any size.
 
     Args:
         occupied: `[H, W]`.
-        reach: cells; traced.
+        reach: cells; may be traced.
 
     Example:
         One occupied cell and `reach=5`: 0 there, 1 beside it, 1.414 across the corner, 5 far away.

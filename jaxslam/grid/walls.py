@@ -1,4 +1,4 @@
-"""Which cells of a map are obstacles: those that stand out from their neighbors."""
+"""Thinning of walls: only cells that stand out from their neighbors are obstacles."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Int8, Int16
@@ -7,27 +7,27 @@ from jaxslam.grid.occupancy import OccupancyModel
 from jaxslam.xla.materialize import materialize
 
 NEIGHBORS = 2
-"""How far a stronger cell takes the wall from a weaker one, cells along each axis."""
+"""Distance at which a stronger cell suppresses a weaker one, cells along each axis."""
 _FIXED = 64
-"""Shares are counted in so many parts: 127 times as much fits 16 bits."""
+"""Denominator of the fixed-point ratio: 127 · 64 fits 16 bits."""
 
 
 def thin_walls(model: OccupancyModel, window: Int8[Array, "rows size"]) -> Int8[Array, "rows size"]:
-    """The log-odds of a window, but −1 where a neighbor has so much more that the wall is there.
+    """Return the log-odds of a window, with −1 in cells that a much stronger neighbor suppresses.
 
-    Noise of ranges and poses smears a wall over two or three cells, and some of the beams that graze it hit
-    cells before it. All of those are occupied more than not; but where the lidar has seen a wall often, the
-    cells that hold it have many times their evidence. Where all evidence is weak, as on a far wall seen once,
-    nothing is taken away.
+    Noise of ranges and poses smears a wall over two or three cells, and some beams that graze the wall end
+    in cells in front of it. All of these cells are more likely occupied than not, but where the lidar has
+    seen a wall often, the wall's own cells have many times their log-odds. Where all log-odds are low, as on
+    a far wall seen once, no cell is suppressed.
 
     Args:
-        model: its `thinning_ratio` is the share of the strongest neighbor's log-odds that a cell must have.
+        model: its `thinning_ratio` is the share of the strongest neighbor's log-odds that a cell needs.
         window: `[rows, size]` log-odds in fixed point. Within `NEIGHBORS` columns of the sides, neighbors
             in the next row may count.
     """
     size = window.shape[1]
     cells = window.reshape(-1)
-    # Each once: fused, the strongest of a row would be sought anew for every row of the square.
+    # Materialized: if fused, the maximum along a row would be recomputed for every row of the square.
     along = materialize(lambda values: _strongest(values, 1), cells)
 
     def compare(values: tuple[Int8[Array, "n"], Int8[Array, "n"], Int16[Array, ""]]) -> Int8[Array, "n"]:
@@ -41,7 +41,7 @@ def thin_walls(model: OccupancyModel, window: Int8[Array, "rows size"]) -> Int8[
 
 
 def _strongest(cells: Int8[Array, "n"], stride: int) -> Int8[Array, "n"]:
-    """The largest of each cell and its neighbors so many cells apart."""
+    """Return the largest of each cell and its neighbors on both sides, which lie `stride` cells apart."""
     reach = NEIGHBORS * stride
     padded = jnp.pad(cells, (reach, reach), constant_values=jnp.int8(-128))
     result = cells

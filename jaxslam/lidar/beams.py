@@ -12,12 +12,12 @@ from jaxslam.xla.materialize import materialize
 
 
 class ScanPoints(eqx.Module):
-    """Where the beams of one scan ended.
+    """The end points of one scan.
 
     Attributes:
-        points: `[B, 2]` meters, base frame; the lidar's own position where a beam is not valid.
+        points: `[B, 2]` meters, base frame; the position of the lidar where a beam is not valid.
         valid: `[B]` whether the beam returned.
-        normals: `[B, 2]` across the wall that was hit, of either sign; zero where that is not known.
+        normals: `[B, 2]` unit normals of the walls hit, either sign; zero where the normal is unknown.
     """
 
     points: Float[Array, "B 2"]
@@ -26,13 +26,13 @@ class ScanPoints(eqx.Module):
 
 
 def wall_jacobian(ends: ScanPoints, heading: Float[Array, ""]) -> Float[Array, "3 B"]:
-    """How far each end point moves across its wall for a meter along x, along y, and a radian.
+    """Return how far each end point moves across its wall per meter along x and y, and per radian.
 
-    Zero where no wall is known.
+    Entries are zero where the wall's normal is unknown.
 
     Args:
         ends: the scan, base frame.
-        heading: of the base in the world, radians; x and y are the world's.
+        heading: heading of the base in the world, radians; x and y are world axes.
     """
     arms, normals = se2.rotate_all(heading, ends.points), se2.rotate_all(heading, ends.normals)
     lever = arms[:, 0] * normals[:, 1] - arms[:, 1] * normals[:, 0]
@@ -44,10 +44,10 @@ def scan_points(scan: LidarScan, max_beams: int | None = None) -> ScanPoints:
 
     Args:
         scan: ranges `[B]` in meters and mask `[B]`.
-        max_beams: at most this many beams, evenly spread over the scan; None keeps all.
+        max_beams: maximum number of beams, evenly spread over the scan; None keeps all.
     """
     angles, ranges, valid = _beams(scan, max_beams)
-    # Once per scan, not once per particle; and a point not once for each of its neighbors' normals.
+    # Materialized: XLA would repeat both for every particle, and each point for every neighbor's normal.
     points = materialize(lambda beams: _place(scan, *beams), (angles, ranges))
     normals = materialize(lambda ends: surface_normals(*ends), (points, valid))
     return ScanPoints(points, valid, normals)
@@ -56,7 +56,7 @@ def scan_points(scan: LidarScan, max_beams: int | None = None) -> ScanPoints:
 def end_points(scan: LidarScan, max_beams: int | None = None) -> tuple[Float[Array, "B 2"], Bool[Array, "B"]]:
     """Return end points `[B, 2]` in the base frame, meters, and which beams `[B]` returned.
 
-    The end point of a beam without a return is the position of the lidar. Arguments as `scan_points`.
+    The end point of a beam without a return is the position of the lidar. Arguments as for `scan_points`.
     """
     angles, ranges, valid = _beams(scan, max_beams)
     return _place(scan, angles, ranges), valid
@@ -84,10 +84,10 @@ def inlier_ratio(inliers: Bool[Array, "B"], valid: Bool[Array, "B"]) -> Float[Ar
 
 
 def spread_beams(num_beams: int, max_beams: int) -> Int[np.ndarray, "chosen"]:
-    """Ascending indices of at most `max_beams` of `num_beams` beams, evenly spread, the ends included.
+    """Return ascending indices of at most `max_beams` of `num_beams` beams, evenly spread, with both ends.
 
     Example:
         `spread_beams(5, 3)` is `[0, 2, 4]`, and `spread_beams(3, 5)` is `[0, 1, 2]`.
     """
-    # Whole strides would throw away up to half of what is allowed.
+    # Whole strides would discard up to half of the allowed beams.
     return np.round(np.linspace(0, num_beams - 1, min(max_beams, num_beams))).astype(np.int32)

@@ -1,32 +1,32 @@
-"""Which way the walls face that a scan saw, from its own neighboring end points."""
+"""Normals of the walls in a scan, from neighboring end points."""
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 _REACH = 4
-"""Neighbors looked at on either side."""
+"""Neighbors considered on either side."""
 _NEAR = 0.3
-"""Neighbors within this distance are taken for the same wall, meters."""
+"""Neighbors within this distance are taken to be on the same wall, meters."""
 _LONGEST_GAP = 1.5
-"""The adjoining ones count farther off too, as along a far wall, if both lie about as far: up to here."""
+"""An adjacent neighbor beyond `_NEAR`, as on a far wall, counts if both gaps are below this, meters."""
 _LARGEST_RATIO = 2.0
-"""And if one gap is less than so many times the other: a jump in depth is no wall."""
+"""The two gaps must also differ by less than this factor: a jump in depth is not a wall."""
 _FLATNESS = 0.1
-"""Largest spread across a wall, as a share of that along it."""
+"""Largest spread across a wall, as a fraction of the spread along it."""
 
 
 def surface_normals(points: Float[Array, "B 2"], valid: Bool[Array, "B"]) -> Float[Array, "B 2"]:
-    """Unit vector across the wall at each end point, of either sign.
+    """Return the unit normal of the wall at each end point, either sign.
 
-    The lesser principal axis of the point's neighborhood.
+    The normal is the minor principal axis of the point's neighborhood.
 
     Args:
         points: `[B, 2]` meters, in the order of the beams.
-        valid: `[B]` which of them are returns.
+        valid: `[B]` which points are returns.
 
     Returns:
-        `[B, 2]`; zero where fewer than three points make a neighborhood, or where that is not flat.
+        `[B, 2]`; zero where the neighborhood has fewer than three points or is not flat.
     """
     num_beams = points.shape[0]
     step = points[1:] - points[:-1]

@@ -1,4 +1,4 @@
-"""What a motion model is."""
+"""The contract of a motion model."""
 
 import abc
 
@@ -15,18 +15,17 @@ class AbstractMotionModel(eqx.Module):
     def sample(
         self, key: PRNGKeyArray, pose: Float[Array, "3"], odometry: OdometryIncrement
     ) -> Float[Array, "3"]:
-        """Draws the next pose `[3]` (m, m, rad, world frame) from the last one and the odometry."""
+        """Draw the next pose `[3]` (m, m, rad, world frame) from the last pose and the odometry."""
 
     @abc.abstractmethod
     def log_prob(
         self, pose_next: Float[Array, "3"], pose: Float[Array, "3"], odometry: OdometryIncrement
     ) -> Float[Array, ""]:
-        """Natural log of the density of `pose_next` given `pose` and the odometry."""
+        """Return the natural log of the density of `pose_next` given `pose` and the odometry."""
 
     @abc.abstractmethod
     def covariance(self, odometry: OdometryIncrement) -> Float[Array, "3 3"]:
-        """Covariance `[3, 3]` of the increment in the *predicted* pose's frame (m², m·rad, rad²).
+        """Return the covariance `[3, 3]` of the increment in the *predicted* pose's frame (m², m·rad, rad²).
 
-        Symmetric positive definite, to first order in the noise: what a scan matcher uses as its
-        prior.
+        Symmetric positive definite, to first order in the noise. Scan matchers use it as their prior.
         """

@@ -27,13 +27,11 @@ class VelocityMotion(AbstractMotionModel):
     the book: $\alpha_1 v^2 + \alpha_2 \omega^2$ for $v$, $\alpha_3 v^2 + \alpha_4 \omega^2$ for
     $\omega$, $\alpha_5 v^2 + \alpha_6 \omega^2$ for $\gamma$. Since $v$, $\omega$ and their noise
     are constant over a step, its duration cancels: the model works on the arc's length $v\,dt$ and
-    angle $\omega\,dt$, so `dt` is not read and a step with `dt = 0` or a broken stamp is a step
-    like any other.
+    angle $\omega\,dt$. It does not read `dt`, so `dt = 0` or a broken stamp does no harm.
 
-    The arc is the one whose chord lies along the mean heading, as wheels drive it. What the
-    odometry saw beside that chord (nothing, for a differential drive) is kept as it is, so the mean
-    of the model is always the increment itself. The floors keep a step without motion from being
-    certain.
+    The chord of the arc lies along the mean heading, as wheels drive it. Any measured motion across the
+    chord (none for a differential drive) is kept unchanged, so that the mean of the model is always the
+    increment itself. The floors keep a step without motion uncertain.
 
     Attributes:
         translation_noise_from_translation: α1, m² per m².
@@ -46,8 +44,8 @@ class VelocityMotion(AbstractMotionModel):
         rotation_floor: least standard deviation of the heading per step, rad, > 0.
 
     References:
-        Thrun, Burgard, Fox, Probabilistic Robotics, table 5.3 (`sample`) and 5.1 (`log_prob`, with
-        the Jacobian and the noise of table 5.3, see `increment_log_prob`).
+        Thrun, Burgard, Fox 2005, table 5.3 (`sample`) and 5.1 (`log_prob`, with the Jacobian and the
+        noise of table 5.3, see `increment_log_prob`).
 
     Example:
         1 m straight ahead with α1 = 0.01, α3 = 0.01, α5 = 0.005 and floors of 5 mm and 5 mrad:
@@ -70,7 +68,7 @@ class VelocityMotion(AbstractMotionModel):
     def sample(
         self, key: PRNGKeyArray, pose: Float[Array, "3"], odometry: OdometryIncrement
     ) -> Float[Array, "3"]:
-        """Draws the next pose `[3]` (table 5.3)."""
+        """Draw the next pose `[3]` (table 5.3)."""
         arc = _Arc.through(odometry.delta)
         increment = sample_increment(key, arc.noisy_increment, self._variances(arc))
         return se2.compose(pose, increment)
@@ -78,20 +76,20 @@ class VelocityMotion(AbstractMotionModel):
     def log_prob(
         self, pose_next: Float[Array, "3"], pose: Float[Array, "3"], odometry: OdometryIncrement
     ) -> Float[Array, ""]:
-        """Natural log of the density of `pose_next` per m²·rad; finite everywhere."""
+        """Return the natural log of the density of `pose_next` per m²·rad; finite everywhere."""
         arc = _Arc.through(odometry.delta)
         increment = se2.relative(pose, pose_next)
         return increment_log_prob(increment, arc.noisy_increment, self._variances(arc))
 
     def covariance(self, odometry: OdometryIncrement) -> Float[Array, "3 3"]:
-        """Covariance `[3, 3]` of the increment in the predicted pose's frame (m², m·rad, rad²)."""
+        """Return the covariance `[3, 3]` of the increment in the predicted pose's frame (m², m·rad, rad²)."""
         arc = _Arc.through(odometry.delta)
         return predicted_frame_covariance(arc.noisy_increment, self._variances(arc))
 
     def _variances(self, arc: "_Arc") -> Float[Array, "4"]:
         translation, rotation = arc.length * arc.length, arc.angle * arc.angle
         translation_floor = self.translation_floor * self.translation_floor
-        # The arc and the final rotation share the floor: the heading's deviation is never below it.
+        # The arc and the final rotation share the floor, so the heading's deviation is never below it.
         rotation_floor = 0.5 * self.rotation_floor * self.rotation_floor
         along = (
             self.translation_noise_from_translation * translation
@@ -120,13 +118,13 @@ class _Arc(eqx.Module):
 
     @classmethod
     def through(cls, delta: Float[Array, "3"]) -> "_Arc":
-        # Wrapped, the half angle stays within a quarter turn, where the chord is never zero.
+        # With the angle wrapped, half of it stays within a quarter turn, where the chord is never zero.
         angle = se2.wrap(delta[2])
         chord, across = se2.rotate(-0.5 * angle, delta[:2])
         return cls(chord / _chord_per_arc(angle), angle, across)
 
     def noisy_increment(self, noise: Float[Array, "4"]) -> Float[Array, "3"]:
-        """The increment `[3]` with noise `[4]` (turn, along, across, final rotation) added."""
+        """Return the increment `[3]` with noise `[4]` (turn, along, across, final rotation) added."""
         angle = self.angle + noise[TURN]
         chord = (self.length + noise[ALONG]) * _chord_per_arc(angle)
         translation = jnp.stack([chord, self.across + noise[ACROSS]])
@@ -135,14 +133,14 @@ class _Arc(eqx.Module):
 
 
 def _chord_per_arc(angle: Float[Array, ""]) -> Float[Array, ""]:
-    """sin(a/2) / (a/2): the chord of an arc of angle a over its length, 1 for a straight line.
+    """Return sin(a/2) / (a/2), the ratio of the chord to the length of an arc of angle a.
 
-    Equation (5.9) divides by ω; in this form the straight line needs no case of its own. `jnp.sinc`
-    has the same values, but its second derivative near 0 is rounding noise in float32.
+    The ratio is 1 for a straight line. Equation (5.9) divides by ω; this form needs no special case for a
+    straight line. `jnp.sinc` has the same values, but its second derivative near 0 is float32 rounding noise.
     """
     half = 0.5 * angle
     square = half * half
-    # To (a/2)⁶; the next term is 1e-8 at the switch.
+    # Up to (a/2)⁶; the next term is 1e-8 at the switch.
     series = 1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0))
     is_small = jnp.abs(half) < 0.5
     divisor = jnp.where(is_small, jnp.ones_like(half), half)

@@ -1,4 +1,4 @@
-"""The likelihood-field model: how far each beam ended from the nearest obstacle."""
+"""The likelihood-field model: the distance of each beam's end from the nearest obstacle."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,25 +17,24 @@ from jaxslam.sensor.base import AbstractSensorModel
 class LikelihoodField(AbstractSensorModel):
     r"""Log-likelihood: $n_{ind}$ times the mean of $\log(z_{hit} e^{-d_k^2/2\sigma^2} + z_{rand})$.
 
-    The mean is used and not the sum, because neighboring beams see the same wall and the error of a map is
-    common to all beams: more beams do not make a scan more informative.
+    The mean is used instead of the sum, because neighboring beams see the same wall and all beams share the
+    error of the map: more beams do not make a scan more informative.
 
-    On the map of a particle, $d_k$ is interpolated and measured across the wall that the neighbors of the
-    beam show, or straight where they show none. A beam that ends where the map is unknown counts as the mean
-    of the others: new ground is evidence neither for a pose nor against it. On a known map, where many more
-    particles are scored, $d_k$ is the distance of the cell in which the beam ends, and a scan of fewer than
-    $n_{ind}$ beams counts as these beams.
+    On the map of a particle, $d_k$ is interpolated and measured across the wall given by the neighboring
+    beams, or as the Euclidean distance where no wall is found. A beam that ends in unseen space scores the
+    mean of the others: unseen space is evidence neither for a pose nor against it. On a known map, where
+    many more particles are scored, $d_k$ is the distance stored in the cell in which the beam ends, and a
+    scan of fewer than $n_{ind}$ beams counts as its own number of beams.
 
     Attributes:
         sigma_hit: spread of end points around obstacles, meters.
         z_hit: weight of the beams that hit the map.
         z_rand: weight of beams that hit something else.
-        z_unseen: density, relative to the best, of a beam that ends where the map is unknown, if no other
-            beam decides.
-        unseen_beams: number of beams of that density that enter the mean before the others decide.
-        independent_beams: n_ind, number of independent beams whose weight a scan has. With more, rooms that
-            look alike are told apart by the errors of the map before the robot has seen the difference.
-        max_beams: beams that are scored, evenly spread over the scan (static).
+        z_unseen: density, relative to the best, of a scan whose beams all end in unseen space.
+        unseen_beams: number of beams of density `z_unseen` that are added to the mean.
+        independent_beams: n_ind, number of independent beams that a scan counts for. A larger value lets
+            errors of the map decide between similar rooms before the robot has seen how they differ.
+        max_beams: number of beams that are scored, evenly spread over the scan (static).
 
     References:
         Thrun, Burgard, Fox 2005, table 6.3; the mean and the treatment of unknown space are ours.
@@ -58,13 +57,13 @@ class LikelihoodField(AbstractSensorModel):
 
     @property
     def independent_count(self) -> float | Float[Array, ""]:
-        """See `independent_beams`."""
+        """Return `independent_beams`."""
         return self.independent_beams
 
     def prepare(self, map: KnownMap) -> CellTable:
-        """Return the log density of a beam, for each cell in which it can end."""
+        """Return the log density of a beam for each cell in which it can end."""
         hit = jnp.exp(-0.5 * (map.distance / self.sigma_hit) ** 2)
-        # The distance is truncated at `max_distance`, which stands for every larger one.
+        # The distance is truncated at `max_distance`, which represents every larger one.
         hit = jnp.where(map.distance < map.max_distance, hit, 0.0)
         return map.table(jnp.log((self.z_hit * hit + self.z_rand) / (self.z_hit + self.z_rand)))
 
@@ -73,7 +72,7 @@ class LikelihoodField(AbstractSensorModel):
     ) -> Float[Array, ""]:
         """Return the natural log of the likelihood at a pose `[3]`.
 
-        At most 0, which every beam on an obstacle gives, apart from `z_unseen`.
+        The value is 0 if every beam ends on an obstacle, and lower otherwise, apart from `z_unseen`.
         """
         if isinstance(prepared, CellTable):
             return self.log_prob_all(prepared, scan, pose[None])[0]
@@ -91,7 +90,7 @@ class LikelihoodField(AbstractSensorModel):
         seen = ends.valid & ~unseen
         total = jnp.sum(jnp.where(seen, log_density, 0.0)) + self.unseen_beams * jnp.log(self.z_unseen)
         count = jnp.maximum(jnp.sum(seen, dtype=jnp.float32) + self.unseen_beams, 1e-6)
-        # A scan without a return is no evidence.
+        # A scan without a return carries no information.
         return jnp.where(jnp.any(ends.valid), self.independent_beams * total / count, 0.0)
 
     def log_prob_all(

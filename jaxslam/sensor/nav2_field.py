@@ -1,4 +1,4 @@
-"""The likelihood field as nav2's AMCL computes it: a sum of cubes."""
+"""The likelihood field as computed by nav2's AMCL: a sum of cubes."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,14 +17,14 @@ from jaxslam.sensor.base import AbstractSensorModel
 class Nav2Field(AbstractSensorModel):
     r"""Likelihood $1 + \sum_k p_k^3$ with $p_k = z_{hit} e^{-d_k^2/2\sigma^2} + z_{rand} / z_{max}$.
 
-    nav2's AMCL, and ROS' AMCL before it, use this sum. It has no derivation; it is here for comparison.
+    nav2's AMCL and its predecessor in ROS 1 use this sum. It has no derivation and serves for comparison.
 
     Attributes:
         sigma_hit: spread of end points around obstacles, meters.
         z_hit: weight of the beams that hit the map.
         z_rand: weight of beams that hit something else.
         max_range: of the lidar, meters.
-        max_beams: beams that are scored, evenly spread over the scan (static).
+        max_beams: number of beams that are scored, evenly spread over the scan (static).
     """
 
     sigma_hit: float | Float[Array, ""] = 0.2
@@ -38,11 +38,11 @@ class Nav2Field(AbstractSensorModel):
 
     @property
     def independent_count(self) -> float:
-        """1: the sum of the cubes is not a product over beams."""
+        """Return 1: the sum of the cubes is not a product over beams."""
         return 1.0
 
     def prepare(self, map: KnownMap) -> CellTable:
-        """Return the cube that a beam adds, for each cell in which it can end."""
+        """Return the cube that a beam adds for each cell in which it can end."""
         hit = jnp.exp(-0.5 * (map.distance / self.sigma_hit) ** 2)
         return map.table(self._cube(jnp.where(map.distance < map.max_distance, hit, 0.0)))
 

@@ -1,1 +1,1 @@
-"""Helpers that keep XLA from generating slow code; each file is one trick and the measurement behind it."""
+"""Helpers that keep XLA from generating slow code; each file has one technique and its measurement."""

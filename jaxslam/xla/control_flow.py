@@ -1,4 +1,4 @@
-"""A branch that stays a branch under `vmap`."""
+"""A conditional that skips work under `vmap`."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -11,10 +11,10 @@ T = TypeVar("T")
 
 
 def run_if(predicate: Bool[Array, ""], function: Callable[[T], T], operand: T) -> T:
-    """`function(operand)` where `predicate` holds, else `operand`.
+    """Return `function(operand)` if `predicate` holds, else `operand`.
 
-    `lax.cond` becomes a select under `vmap`: both sides always run. A loop of at most one trip does not:
-    it runs for the whole batch if any member needs it, and not at all if none does.
+    `lax.cond` becomes a select under `vmap`, so both sides always run. A loop of at most one iteration
+    does not: it runs for the whole batch if any member needs it, and not at all if none does.
     """
 
     def once(carry: tuple[Array, T]) -> tuple[Array, T]:

@@ -283,6 +283,6 @@ def test_a_filter_spread_over_devices_keeps_its_maps_there(slam, prepared):
 
 
 def test_particles_that_cannot_be_shared_out(slam):
-    with pytest.raises(ValueError, match="5 particles cannot be shared out equally over 2 devices: take 6"):
+    with pytest.raises(ValueError, match="5 particles cannot be divided equally among 2 devices: give 6"):
         dataclasses.replace(slam, num_particles=5).shard(jax.devices())
     assert slam.shard(jax.devices()[:1]).mesh is None

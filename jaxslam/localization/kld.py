@@ -44,7 +44,7 @@ class Bins(eqx.Module):
 
     @property
     def count(self) -> int:
-        """Number of bins."""
+        """Return the number of bins."""
         return self.num_headings * self.rows * self.columns
 
     def index(self, map: KnownMap, poses: Float[Array, "N 3"]) -> Int[Array, "N"]:

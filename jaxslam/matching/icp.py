@@ -35,7 +35,7 @@ class Alignment(eqx.Module):
 
 
 class ICP(eqx.Module):
-    r"""Minimizes $E(R,T)=\frac1{n_C}\sum\|l_i-Rc_i-T\|^2$, Liang et al. (13)–(15).
+    r"""Minimization of $E(R,T)=\frac1{n_C}\sum\|l_i-Rc_i-T\|^2$, Liang et al. (13)–(15).
 
     The partner $l_i$ of a point $c_i$ is the nearest obstacle of the map, found with the gradient of the
     distance field, first the coarse one and then the fine one. Pairs much farther apart than the average are

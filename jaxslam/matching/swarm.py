@@ -112,12 +112,12 @@ class FruitFlies(eqx.Module):
 
     @property
     def improved(self) -> bool:
-        """Whether flies are changed after they have moved."""
+        """Return whether flies are changed after they have moved."""
         return self.crossover or self.mutation
 
     @property
     def num_evaluations(self) -> int:
-        """Number of fitness evaluations, including the start's."""
+        """Return the number of fitness evaluations, including the start's."""
         return 1 + self.num_generations * self.num_flies * (2 if self.improved else 1)
 
     def maximize(

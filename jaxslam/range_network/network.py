@@ -81,7 +81,7 @@ class RangeNetwork(eqx.Module):
 
     @property
     def num_neurons(self) -> int:
-        """Number of neurons H of the hidden layer."""
+        """Return the number of neurons H of the hidden layer."""
         return self.weights_in.shape[0]
 
     def __call__(self, ranges: Float[Array, "*batch"]) -> Float[Array, "*batch"]:

@@ -100,7 +100,7 @@ class RBPF(eqx.Module):
     mesh: Mesh | None = eqx.field(static=True, default=None)
 
     def shard(self, devices: Sequence[jax.Device]) -> "RBPF":
-        """Return the same filter with its particles divided equally among devices, for many particles.
+        """Return the same filter with its particles divided equally among devices.
 
         Raises:
             ValueError: the particles cannot be divided equally.

@@ -21,16 +21,16 @@ _LONGEST_STEP = 1.0
 
 
 class OdometerNoise(eqx.Module):
-    """Standard deviations of the odometry e_odom(d), Liang et al. (9).
+    """Noise of the odometry, e_odom(d), Liang et al. (9).
 
     Attributes:
-        speed: of the forward speed, as a share of it.
-        speed_floor: of the forward speed at rest, m/s.
-        lateral: of the lateral speed, m/s, since wheels slip slightly sideways.
-        turning: of the turning rate, as a share of it.
-        turning_floor: of the turning rate at rest, rad/s.
-        position_per_meter: of the position, m per √m driven.
-        heading_per_meter: of the heading, rad per √m driven.
+        speed: standard deviation of the forward speed, as a share of it.
+        speed_floor: standard deviation of the forward speed at rest, m/s.
+        lateral: standard deviation of the lateral speed, m/s, since wheels slip slightly sideways.
+        turning: standard deviation of the turning rate, as a share of it.
+        turning_floor: standard deviation of the turning rate at rest, rad/s.
+        position_per_meter: standard deviation of the position, m per √m driven.
+        heading_per_meter: standard deviation of the heading, rad per √m driven.
     """
 
     speed: float = 0.05
@@ -46,11 +46,11 @@ class OdometerNoise(eqx.Module):
 
 
 class ImuNoise(eqx.Module):
-    """Standard deviations of an IMU, Liang et al. (10).
+    """Noise of an IMU, Liang et al. (10).
 
     Attributes:
-        rate: of the turning rate, rad/s.
-        heading: of the heading, rad.
+        rate: standard deviation of the turning rate, rad/s.
+        heading: standard deviation of the heading, rad.
     """
 
     rate: float = 0.02

@@ -48,7 +48,8 @@ class ICP(eqx.Module):
         half_range: range at which the weight of an end point is halved, meters.
         relaxation: factor on every step, under 2. In the plain algorithm (factor 1), points on one wall hold
             back points on another, so that a step covers only part of the distance.
-        tolerance: a step shorter than this, meters, with a rotation below it, radians, has converged.
+        tolerance: a step counts as converged if it moves less than this, meters, and turns less than this,
+            radians.
         across_walls: take partners straight across the wall given by a point's neighbors instead of at the
             nearest obstacle, which would pull the scan back at the end of the mapped area (static).
         coarse_iterations: iterations on the coarse field (static).

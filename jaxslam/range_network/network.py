@@ -8,8 +8,8 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from jaxslam.core.types import LidarScan, StepInputs
 
 _STEEPEST = 4.0
-"""Largest number of steps of a new neuron over half the interval. The steepness that the number of neurons
-suggests would let each neuron learn the readings at one distance only."""
+"""Largest input weight of a new neuron. The weight that many neurons call for would let each neuron learn the
+readings at one distance only."""
 _NUM_FITTED, _SMALLEST = 200, 1e-5
 """Number of points at which a new network is fitted to the identity, and the smallest singular value used for
 the fit, relative to the largest. Smaller values would give large weights that cancel each other."""

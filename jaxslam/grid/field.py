@@ -80,8 +80,8 @@ class DistanceField(eqx.Module):
 
         Returns:
             Distance `[B]`, signed distance across the wall `[B]`, and the direction `[B, 2]` in which the
-            signed distance grows at a rate of the direction's length: the normal, or the field's gradient
-            where the normal is unknown. Distances are in cells, interpolated between cell centers.
+            signed distance grows, whose length is the rate: the normal, or the field's gradient where the
+            normal is unknown. Distances are in cells, interpolated between cell centers.
         """
         distance, slope_x, slope_y = self._interpolate(points[:, 0], points[:, 1])
         x, y = normals[:, 0], normals[:, 1]

@@ -123,7 +123,7 @@ class OdometryMotion(AbstractMotionModel):
 
 
 class _RotateDriveRotate(eqx.Module):
-    """An increment, decomposed exactly; `across` is the sideways remainder due to the direction threshold, m."""
+    """An increment, decomposed exactly; `across` is the rest left by the direction threshold, m."""
 
     first_rotation: Float[Array, ""]
     along: Float[Array, ""]

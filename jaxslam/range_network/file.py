@@ -1,4 +1,4 @@
-"""A network on disk: a line of JSON and the numbers, no pickle."""
+"""Network files: one line of JSON and the parameters, without pickle."""
 
 import io
 import json
@@ -15,7 +15,7 @@ _MAX_NEURONS = 100_000
 
 
 def save_network(path: Path, network: RangeNetwork) -> None:
-    """Writes a network, to be loaded with `load_network`."""
+    """Write a network, to be loaded with `load_network`."""
     header = {"format": _FORMAT, "version": _VERSION, "neurons": network.num_neurons}
     with path.open("wb") as stream:
         stream.write(json.dumps(header).encode("ascii") + b"\n")
@@ -23,11 +23,11 @@ def save_network(path: Path, network: RangeNetwork) -> None:
 
 
 def load_network(path: Path) -> RangeNetwork:
-    """Reads a network.
+    """Read a network.
 
     Raises:
-        ValueError: the file is no network, one of another version, or damaged.
-        OSError: it cannot be read.
+        ValueError: the file is not a network, is of another version, or is damaged.
+        OSError: the file cannot be read.
     """
     content = path.read_bytes()
     first, _, rest = content.partition(b"\n")
@@ -37,15 +37,15 @@ def load_network(path: Path) -> RangeNetwork:
     except ValueError:
         known = False
     if not known:
-        raise ValueError(f"{path}: no range network; `jaxslam train-range` writes one")
+        raise ValueError(f"{path}: not a range network; `jaxslam train-range` writes one")
     if header.get("version") != _VERSION:
         raise ValueError(
-            f"{path}: a range network of version {header.get('version')}, and this reads version {_VERSION}: "
-            "train it again with `jaxslam train-range`"
+            f"{path}: range network of version {header.get('version')}, but this release reads version "
+            f"{_VERSION}: train it again with `jaxslam train-range`"
         )
     count = header.get("neurons")
     if not (isinstance(count, int) and 1 <= count <= _MAX_NEURONS):
-        raise ValueError(f"{path}: its header says {count!r} neurons: the file is damaged")
+        raise ValueError(f"{path}: number of neurons in the header is {count!r}: the file is damaged")
     blank = jax.eval_shape(lambda: RangeNetwork.draw(jax.random.key(0), count, 0.0, 1.0))
     blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), blank)
     stream = io.BytesIO(rest)
@@ -54,10 +54,10 @@ def load_network(path: Path) -> RangeNetwork:
     except (RuntimeError, ValueError, EOFError, OSError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ValueError(
-            f"{path}: damaged, or not of {count} neurons as its header says ({reason})"
+            f"{path}: damaged, or not of {count} neurons as stated in its header ({reason})"
         ) from error
     if stream.read(1):
-        raise ValueError(f"{path}: more in it than the {count} neurons of its header: the file is damaged")
+        raise ValueError(f"{path}: longer than the {count} neurons of its header: the file is damaged")
     if not all(bool(jnp.isfinite(leaf).all()) for leaf in jax.tree.leaves(network)):
-        raise ValueError(f"{path}: a number in it is not finite: train it again")
+        raise ValueError(f"{path}: a parameter is not finite: train the network again")
     return network

@@ -1,4 +1,4 @@
-"""Residual resampling: the whole part of N · w for certain, the rest by lot."""
+"""Residual resampling: the integer part of N · w is deterministic, the rest is drawn."""
 
 import jax
 import jax.numpy as jnp
@@ -10,10 +10,10 @@ from jaxslam.resampling.base import AbstractResampler
 
 
 class ResidualResampler(AbstractResampler):
-    """⌊N w⌋ copies of each particle, then multinomial draws from what is left of the weights.
+    """⌊N w⌋ copies of each particle, then multinomial draws from the remaining weights.
 
     References:
-        Liu, Chen, Sequential Monte Carlo methods for dynamic systems, 1998.
+        Liu, Chen 1998, Sequential Monte Carlo methods for dynamic systems.
 
     Example:
         Weights 0.5, 0.3, 0.2 and N = 4: two copies of particle 0 and one of 1 are certain; the
@@ -21,7 +21,7 @@ class ResidualResampler(AbstractResampler):
     """
 
     def ancestors(self, key: PRNGKeyArray, log_weights: Float[Array, "N"]) -> Int[Array, "N"]:
-        """Indices `[N]` (int32): the certain copies ascending, then the draws in no order."""
+        """Return indices `[N]` (int32): the certain copies ascending, then the draws in no order."""
         return select_ancestors(log_weights, lambda weights: _choose(key, weights))
 
 

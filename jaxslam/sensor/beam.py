@@ -26,7 +26,7 @@ class Beam(AbstractSensorModel):
     its end add up to one.
 
     Attributes:
-        max_range: of the lidar, meters: a reading at or over it is no return.
+        max_range: largest range of the lidar, meters: a reading at or over it is no return.
         sigma_hit: standard deviation of readings of the mapped obstacle, meters; at least half a cell.
         z_hit: weight of readings of the mapped obstacle.
         z_short: weight of readings of an obstacle in front of it.

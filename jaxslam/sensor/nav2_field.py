@@ -23,7 +23,7 @@ class Nav2Field(AbstractSensorModel):
         sigma_hit: spread of end points around obstacles, meters.
         z_hit: weight of the beams that hit the map.
         z_rand: weight of beams that hit something else.
-        max_range: of the lidar, meters.
+        max_range: largest range of the lidar, meters.
         max_beams: number of beams that are scored, evenly spread over the scan (static).
     """
 

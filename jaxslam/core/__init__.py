@@ -1,1 +1,1 @@
-"""What everything else is made of: poses, scans, flags, small matrices and checks."""
+"""Shared building blocks: poses, scans, flags, 3 × 3 linear algebra and parameter checks."""

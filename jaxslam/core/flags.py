@@ -1,4 +1,4 @@
-"""What can go wrong inside a jitted step, as bits of one integer."""
+"""Problems that a jitted step can report, as bits of one integer."""
 
 import enum
 
@@ -7,14 +7,14 @@ class Flag(enum.IntFlag):
     """Bits of `StepInfo.flags`; `jaxslam.pipeline.run` turns them into errors and warnings on the host."""
 
     OFF_MAP = enum.auto()
-    """A particle's window reached over the edge of the map: part of what it saw was not mapped."""
+    """A particle's window extended past the edge of the map, so part of its scan was not mapped."""
     NONFINITE_WEIGHT = enum.auto()
     """A particle's weight was NaN or infinite; the particle was given weight zero."""
     NONFINITE_POSE = enum.auto()
-    """A particle's pose was NaN or infinite; it kept its predicted pose."""
+    """A particle's pose was NaN or infinite; the particle kept its predicted pose."""
     FEW_VALID_BEAMS = enum.auto()
-    """The scan had too few returns to say anything: the pose is odometry alone."""
+    """The scan had too few returns to be used: the pose comes from odometry alone."""
     SEARCHED = enum.auto()
-    """The matcher had lost the map for at least one particle and searched a wider area."""
+    """The match of at least one particle was poor, so the matcher searched a wider area."""
     MATCH_FAILED = enum.auto()
-    """The match of at least one particle explained too little of the scan: the motion model moved it."""
+    """At least one match explained too little of the scan; the particle was moved by the motion model."""

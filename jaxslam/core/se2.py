@@ -20,7 +20,7 @@ def wrap(angle: Float[Any, "*batch"] | float) -> Float[Any, "*batch"]:
     """
     xp = _namespace(angle)
     wrapped = xp.mod(angle + xp.pi, 2 * xp.pi) - xp.pi
-    # Rounding can carry a tiny negative angle to exactly +π; the interval is half-open.
+    # Rounding can turn a tiny negative angle into exactly +π, which is outside the half-open interval.
     return xp.where(wrapped >= xp.pi, -xp.pi, wrapped).astype(wrapped.dtype)
 
 
@@ -33,7 +33,7 @@ def rotate(angle: Float[Any, "*#batch"], vector: Float[Any, "*#batch 2"]) -> Flo
 
 
 def compose(pose_a_b: Float[Any, "*#batch 3"], pose_b_c: Float[Any, "*#batch 3"]) -> Float[Any, "*batch 3"]:
-    """Return the pose of `c` in `a` from the pose of `b` in `a` and of `c` in `b` (the ⊕ of the literature).
+    """Return the pose of `c` in `a` from the pose of `b` in `a` and of `c` in `b` (⊕ in the literature).
 
     Example:
         `compose([1, 0, π/2], [2, 0, 0])` is `[1, 2, π/2]`.
@@ -50,14 +50,14 @@ def inverse(pose_a_b: Float[Any, "*batch 3"]) -> Float[Any, "*batch 3"]:
 def relative(pose_a_b: Float[Any, "*#batch 3"], pose_a_c: Float[Any, "*#batch 3"]) -> Float[Any, "*batch 3"]:
     """Return the pose of `c` in `b`, both given in `a` (`c ⊖ b`).
 
-    This inverts the composition: `compose(b, relative(b, c))` is `c`.
+    This is the inverse of `compose`: `compose(b, relative(b, c))` is `c`.
     """
     position = rotate(-pose_a_b[..., 2], pose_a_c[..., :2] - pose_a_b[..., :2])
     return _pose(position, pose_a_c[..., 2] - pose_a_b[..., 2])
 
 
 def apply(pose_a_b: Float[Any, "3"], points_b: Float[Any, "*points 2"]) -> Float[Any, "*points 2"]:
-    """Move points `[..., 2]` given in frame `b` into frame `a`."""
+    """Transform points `[..., 2]` from frame `b` to frame `a`."""
     turned = rotate_all(pose_a_b[2], points_b)
     xp = _namespace(turned)
     return xp.stack([turned[..., 0] + pose_a_b[0], turned[..., 1] + pose_a_b[1]], axis=-1)
@@ -77,5 +77,5 @@ def _pose(position: Float[Any, "*batch 2"], heading: Float[Any, "*batch"]) -> Fl
 
 
 def _namespace(array: Any) -> ModuleType:
-    """`jax.numpy` for JAX arrays, else NumPy; reading a log must not import JAX."""
+    """Return `jax.numpy` for JAX arrays, else NumPy, without an import of JAX (reading a log needs none)."""
     return np if isinstance(array, np.ndarray | np.generic | float) else array.__array_namespace__()

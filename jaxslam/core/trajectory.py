@@ -1,7 +1,7 @@
 """Trajectories on the host: interpolation, dead reckoning, length and rotation, in NumPy and float64.
 
 float32 would lose centimeters on a map in UTM coordinates. Poses are `[..., 3]` = (x m, y m, theta rad);
-angles that are returned lie in [−π, π).
+returned angles lie in [−π, π).
 """
 
 from typing import NamedTuple
@@ -24,7 +24,7 @@ class Trajectory(NamedTuple):
     poses: Float64[np.ndarray, "M 3"]
 
 
-# Logs and relation files print stamps with few decimals, so equal times differ by rounding, seconds.
+# Seconds. Logs and relation files print stamps with few decimals, so equal times differ by rounding.
 STAMP_TOLERANCE = 1e-6
 
 
@@ -33,21 +33,21 @@ def interpolate_poses(
     poses: Float64[np.ndarray, "M 3"],
     query: Float64[np.ndarray, "Q"],
 ) -> Float64[np.ndarray, "Q 3"]:
-    """Poses of a trajectory at other times: linear in x and y, along the shorter arc in theta.
+    """Interpolate a trajectory at other times: linear in x and y, along the shorter arc in theta.
 
     Args:
         stamps: `[M]` seconds, not decreasing, M ≥ 1.
         poses: `[M, 3]` the trajectory.
-        query: `[Q]` seconds. Before the first and after the last stamp the end pose is held.
+        query: `[Q]` seconds. Outside the stamps, the first or last pose is held.
 
     Returns:
         `[Q, 3]` poses in the same frame.
 
     Raises:
-        ValueError: an empty trajectory, or stamps that decrease.
+        ValueError: the trajectory is empty, or its stamps decrease.
 
     Example:
-        Between headings 3 and −3 rad the middle is −π (through ±π), not 0.
+        Halfway between headings 3 and −3 rad is −π (through ±π), not 0.
     """
     if stamps.size == 0:
         raise ValueError("cannot interpolate an empty trajectory: it has no poses")
@@ -66,14 +66,14 @@ def dead_reckon(
     odometry_stamps: Float64[np.ndarray, "K"],
     odometry_poses: Float64[np.ndarray, "K 3"],
 ) -> Float64[np.ndarray, "Q 3"]:
-    """Poses at other times: the last pose at or before each, moved on by the odometry since.
+    """Extend a trajectory to other times: the last pose at or before each, plus the odometry since.
 
     Args:
-        times: `[Q]` seconds; the first pose is held before its stamp.
+        times: `[Q]` seconds; before the first stamp, the first pose is held.
         stamps: `[S]` seconds, not decreasing, S ≥ 1.
         poses: `[S, 3]` the trajectory, any frame.
         odometry_stamps: `[K]` seconds, not decreasing, K ≥ 1.
-        odometry_poses: `[K, 3]` integrated odometry in its own frame; held beyond its ends.
+        odometry_poses: `[K, 3]` integrated odometry in its own frame; end poses are held outside its stamps.
 
     Example:
         Pose (5, 0, 0) at 1 s, odometry at 0.5 m/s along x: (5.25, 0, 0) at 1.5 s.
@@ -85,21 +85,21 @@ def dead_reckon(
 
 
 def path_length(poses: Float64[np.ndarray, "M 3"]) -> float:
-    """Length of the polyline through the positions, meters."""
+    """Return the length of the polyline through the positions, meters."""
     return float(np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1).sum())
 
 
 def net_rotation(poses: Float64[np.ndarray, "M 3"]) -> float:
-    """Heading change from the first to the last pose with full turns counted, radians."""
+    """Return the heading change from the first to the last pose in radians, counting full turns."""
     return float(se2.wrap(np.diff(poses[:, 2])).sum())
 
 
 def yaw_from_quaternion(
     quaternions: Float64[np.ndarray, "*batch 4"],
 ) -> Float64[np.ndarray, "*batch"]:
-    """Yaw in radians of quaternions `[..., 4]` in the order x, y, z, w; any non-zero norm.
+    """Return the yaw in radians of quaternions `[..., 4]` in the order x, y, z, w, of any non-zero norm.
 
-    The heading of the rotated x axis in the plane, which is the yaw of the ZYX Euler angles.
+    This is the heading of the rotated x axis in the plane: the yaw of the ZYX Euler angles.
     """
     x, y, z, w = (quaternions[..., axis] for axis in range(4))
     return np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
@@ -108,25 +108,25 @@ def yaw_from_quaternion(
 def interpolate_along_odometry(
     odometry: Float64[np.ndarray, "S 3"], rows: Int[np.ndarray, "T"], poses: Float64[np.ndarray, "T 3"]
 ) -> Float64[np.ndarray, "S 3"]:
-    """A pose for every odometry pose from those known at some of them.
+    """Estimate a world pose for every odometry pose, given the world poses at some of them.
 
-    Between two known poses odometry carries the first on and the second back, and the way in between
-    leads over from the one to the other as the robot moves; before the first and after the last there is
-    only one of them. That needs the later pose, so it is for the path of a finished run.
+    Between two known poses, odometry extends the earlier pose forward and the later pose backward, and the
+    result blends from one to the other in proportion to the motion. Before the first and after the last
+    known pose, only one extension exists. The later pose is required, so the run must be finished.
 
     Args:
         odometry: `[S, 3]` integrated odometry in its own frame (m, m, rad).
-        rows: `[T]` which of them are known, increasing, T ≥ 1.
-        poses: `[T, 3]` the known ones, world frame.
+        rows: `[T]` rows of `odometry` whose world poses are known, increasing, T ≥ 1.
+        poses: `[T, 3]` the known poses, world frame.
 
     Returns:
-        `[S, 3]` poses in the world frame; `poses` at `rows`.
+        `[S, 3]` poses in the world frame, equal to `poses` at `rows`.
 
     Example:
-        Odometry at x = 0, 1, 2, known poses x = 0 and 2.2 at its ends: 1.1 in the middle.
+        Odometry at x = 0, 1, 2 and known poses x = 0 and 2.2 at its ends give 1.1 in the middle.
     """
     steps = se2.relative(odometry[:-1], odometry[1:])
-    # A radian counts like a meter: it is which share of the way was gone that matters, not its length.
+    # A radian counts like a meter: only the fraction of the motion completed matters, not its length.
     moved = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]) + np.abs(steps[:, 2]))])
     row = np.arange(len(odometry))
     earlier = np.clip(np.searchsorted(rows, row, side="right") - 1, 0, len(rows) - 1)

@@ -1,7 +1,7 @@
-"""The containers that travel through a filter: scans, odometry increments, step inputs.
+"""Inputs of a filter: scans, odometry increments and step inputs.
 
 All are frozen pytrees of device arrays. Poses are plain arrays `[..., 3]`: x and y in meters, theta in
-radians. Stacked over time (a leading axis `T` on every leaf) they are what `lax.scan` runs over.
+radians. `lax.scan` runs over inputs stacked over time (a leading axis `T` on every leaf).
 """
 
 import equinox as eqx
@@ -10,15 +10,15 @@ from jaxtyping import Array, Bool, Float
 
 
 class LidarScan(eqx.Module):
-    """One planar scan, with the geometry needed to place it.
+    """One planar scan and its beam geometry.
 
     Beam `i` points at `angle_min + i * angle_increment` in the lidar frame, counter-clockwise positive.
 
     Attributes:
-        ranges: `[B]` meters. Where `valid` is false the value is 0 and means "no return".
-        valid: `[B]` true where the beam hit something inside the usable range interval.
+        ranges: `[B]` meters; 0 where `valid` is false, which means "no return".
+        valid: `[B]` true where the beam returned a range inside the usable interval.
         angle_min: angle of beam 0, radians, lidar frame.
-        angle_increment: angle between neighboring beams, radians (negative: clockwise).
+        angle_increment: angle between neighboring beams, radians (negative if clockwise).
         pose_base_lidar: `[3]` pose of the lidar in the robot's base frame.
     """
 
@@ -34,17 +34,17 @@ class LidarScan(eqx.Module):
         return self.ranges.shape[-1]
 
     def angles(self) -> Float[Array, "*batch B"]:
-        """Beam angles in the lidar frame, radians, `[B]`."""
+        """Return the beam angles `[B]` in the lidar frame, radians."""
         index = jnp.arange(self.num_beams, dtype=self.ranges.dtype)
         return self.angle_min[..., None] + self.angle_increment[..., None] * index
 
 
 class OdometryIncrement(eqx.Module):
-    """The motion between two steps as the odometry saw it.
+    """Robot motion between two steps, measured by odometry.
 
     Attributes:
         delta: `[3]` pose of the base at the end in the frame of the base at the start (m, m, rad).
-        covariance: `[3, 3]` covariance of `delta` (m², m·rad, rad²); zeros where the source gives none.
+        covariance: `[3, 3]` covariance of `delta` (m², m·rad, rad²); zeros if the source gives none.
         dt: duration in seconds.
     """
 
@@ -54,7 +54,7 @@ class OdometryIncrement(eqx.Module):
 
 
 class StepInputs(eqx.Module):
-    """What one filter step consumes: the odometry since the last step, then a scan."""
+    """Input of one filter step: the odometry since the last step, then a scan."""
 
     odometry: OdometryIncrement
     scan: LidarScan

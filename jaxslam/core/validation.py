@@ -1,4 +1,4 @@
-"""Whether the numbers of a model make sense, looked at when it is made."""
+"""Parameter checks of a model, run when the model is created."""
 
 import math
 from collections.abc import Callable
@@ -7,9 +7,9 @@ import equinox as eqx
 
 
 def require_at_least_zero(model: eqx.Module, positive: tuple[str, ...] = ()) -> None:
-    """Raises `ValueError` for a negative parameter, or one named in `positive` that is zero.
+    """Raise `ValueError` if a parameter is negative, or if one named in `positive` is zero.
 
-    Only Python numbers are looked at: a traced value cannot be.
+    Only Python numbers are checked, because the value of a traced array is unknown.
     """
     for name, value in vars(model).items():
         if not isinstance(value, int | float):
@@ -21,21 +21,21 @@ def require_at_least_zero(model: eqx.Module, positive: tuple[str, ...] = ()) -> 
 
 
 def require_odd(model: eqx.Module, *names: str) -> None:
-    """Raises `ValueError` for an even count: the middle of what is counted must be one of them."""
+    """Raise `ValueError` for an even count: only an odd count has a middle element."""
     for name in names:
         if getattr(model, name) % 2 == 0:
             raise ValueError(f"{type(model).__name__}: {name} is {getattr(model, name)}, must be odd")
 
 
 def require_one_of(model: eqx.Module, name: str, choices: tuple[str, ...]) -> None:
-    """Raises `ValueError` for a choice that there is not."""
+    """Raise `ValueError` if the value is not one of the choices."""
     value = getattr(model, name)
     if value not in choices:
         raise ValueError(f"{type(model).__name__}: {name} is {value!r}, must be one of {', '.join(choices)}")
 
 
 def require_number(module: eqx.Module, name: str, holds: Callable[[float], bool], wanted: str) -> None:
-    """Checks a number of a settings module. A traced one cannot be looked at; NaN never holds."""
+    """Raise `ValueError` if a settings number is not finite or fails `holds`. Traced values are skipped."""
     value = getattr(module, name)
     if isinstance(value, float) and not (math.isfinite(value) and holds(value)):
         part = type(module).__name__.removesuffix("Settings").lower()

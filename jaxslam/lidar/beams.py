@@ -1,4 +1,4 @@
-"""From ranges and bearings to points in the robot's base frame."""
+"""Conversion of ranges and bearings to points in the robot's base frame."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,12 +12,12 @@ from jaxslam.xla.materialize import materialize
 
 
 class ScanPoints(eqx.Module):
-    """Where the beams of one scan ended.
+    """End points of the beams of one scan.
 
     Attributes:
-        points: `[B, 2]` meters, base frame; the lidar's own position where a beam is not valid.
+        points: `[B, 2]` meters, base frame; the position of the lidar where a beam is not valid.
         valid: `[B]` whether the beam returned.
-        normals: `[B, 2]` across the wall that was hit, of either sign; zero where that is not known.
+        normals: `[B, 2]` unit normals of the walls hit, of either sign; zero where unknown.
     """
 
     points: Float[Array, "B 2"]
@@ -26,13 +26,14 @@ class ScanPoints(eqx.Module):
 
 
 def wall_jacobian(ends: ScanPoints, heading: Float[Array, ""]) -> Float[Array, "3 B"]:
-    """How far each end point moves across its wall for a meter along x, along y, and a radian.
+    """Return the derivative of each end point's position along its wall normal with respect to the pose.
 
-    Zero where no wall is known.
+    The rows are per meter along world x, per meter along world y, and per radian. A column is zero where the
+    normal is unknown.
 
     Args:
         ends: the scan, base frame.
-        heading: of the base in the world, radians; x and y are the world's.
+        heading: heading of the base in the world, radians.
     """
     arms, normals = se2.rotate_all(heading, ends.points), se2.rotate_all(heading, ends.normals)
     lever = arms[:, 0] * normals[:, 1] - arms[:, 1] * normals[:, 0]
@@ -47,16 +48,17 @@ def scan_points(scan: LidarScan, max_beams: int | None = None) -> ScanPoints:
         max_beams: at most this many beams, evenly spread over the scan; None keeps all.
     """
     angles, ranges, valid = _beams(scan, max_beams)
-    # Once per scan, not once per particle; and a point not once for each of its neighbors' normals.
+    # Materialized: otherwise XLA would recompute the normals for every particle, and each point for the
+    # normals of all of its neighbors.
     points = materialize(lambda beams: _place(scan, *beams), (angles, ranges))
     normals = materialize(lambda ends: surface_normals(*ends), (points, valid))
     return ScanPoints(points, valid, normals)
 
 
 def end_points(scan: LidarScan, max_beams: int | None = None) -> tuple[Float[Array, "B 2"], Bool[Array, "B"]]:
-    """Return end points `[B, 2]` in the base frame, meters, and which beams `[B]` returned.
+    """Return end points `[B, 2]` in the base frame, meters, and whether each beam `[B]` returned.
 
-    The end point of a beam without a return is the position of the lidar. Arguments as `scan_points`.
+    A beam without a return ends at the position of the lidar. The arguments are those of `scan_points`.
     """
     angles, ranges, valid = _beams(scan, max_beams)
     return _place(scan, angles, ranges), valid
@@ -78,16 +80,16 @@ def _place(scan: LidarScan, angles: Float[Array, "B"], ranges: Float[Array, "B"]
 
 
 def inlier_ratio(inliers: Bool[Array, "B"], valid: Bool[Array, "B"]) -> Float[Array, ""]:
-    """Return the share of the valid beams `[B]` that the map explains; 0 without a valid beam."""
+    """Return the fraction of valid beams `[B]` that are inliers; 0 without a valid beam."""
     num_valid = jnp.sum(valid, dtype=jnp.float32)
     return jnp.sum(valid & inliers, dtype=jnp.float32) / jnp.maximum(num_valid, 1.0)
 
 
 def spread_beams(num_beams: int, max_beams: int) -> Int[np.ndarray, "chosen"]:
-    """Ascending indices of at most `max_beams` of `num_beams` beams, evenly spread, the ends included.
+    """Return ascending indices of at most `max_beams` of `num_beams` beams, evenly spaced, with both ends.
 
     Example:
         `spread_beams(5, 3)` is `[0, 2, 4]`, and `spread_beams(3, 5)` is `[0, 1, 2]`.
     """
-    # Whole strides would throw away up to half of what is allowed.
+    # A fixed integer stride could leave up to half of the allowed beams unused.
     return np.round(np.linspace(0, num_beams - 1, min(max_beams, num_beams))).astype(np.int32)

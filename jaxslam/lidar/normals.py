@@ -1,32 +1,30 @@
-"""Which way the walls face that a scan saw, from its own neighboring end points."""
+"""Surface normals of a scan, estimated from neighboring end points."""
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 _REACH = 4
-"""Neighbors looked at on either side."""
+"""Neighboring beams considered on either side."""
 _NEAR = 0.3
-"""Neighbors within this distance are taken for the same wall, meters."""
+"""Distance within which a neighbor counts as part of the same wall, meters."""
 _LONGEST_GAP = 1.5
-"""The adjoining ones count farther off too, as along a far wall, if both lie about as far: up to here."""
+"""Distance up to which both adjacent beams count, as on a far wall, if their gaps are similar, meters."""
 _LARGEST_RATIO = 2.0
-"""And if one gap is less than so many times the other: a jump in depth is no wall."""
+"""Ratio below which these two gaps are similar; a larger ratio indicates a jump in depth."""
 _FLATNESS = 0.1
-"""Largest spread across a wall, as a share of that along it."""
+"""Largest standard deviation across a wall, as a fraction of that along it."""
 
 
 def surface_normals(points: Float[Array, "B 2"], valid: Bool[Array, "B"]) -> Float[Array, "B 2"]:
-    """Unit vector across the wall at each end point, of either sign.
-
-    The lesser principal axis of the point's neighborhood.
+    """Return the unit normal of the wall at each end point: the minor principal axis of its neighborhood.
 
     Args:
-        points: `[B, 2]` meters, in the order of the beams.
-        valid: `[B]` which of them are returns.
+        points: `[B, 2]` meters, in beam order.
+        valid: `[B]` whether each point is a return.
 
     Returns:
-        `[B, 2]`; zero where fewer than three points make a neighborhood, or where that is not flat.
+        `[B, 2]`, of either sign; zero if the neighborhood has fewer than three points or is not flat.
     """
     num_beams = points.shape[0]
     step = points[1:] - points[:-1]

@@ -1,4 +1,4 @@
-"""Motion models: where a particle may be after a step, given what the odometry saw."""
+"""Motion models: the distribution of a particle's next pose, given the odometry."""
 
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.motion.gaussian import GaussianMotion

@@ -1,13 +1,13 @@
-"""What the wheel models share: samples, densities and covariances from noise on an increment.
+"""Samples, densities and covariances of the wheel models, which add noise to an increment.
 
-A wheel model is one function, `noisy_increment(noise) -> [3]`, and the four variances of its noise:
+A wheel model is a function `noisy_increment(noise) -> [3]` and the variances of four noise components:
 
 0. `turn`: error of the rotation before (or during) the translation, rad;
 1. `along`: error of the distance driven, m;
-2. `across`: slip perpendicular to it, m;
+2. `across`: slip perpendicular to the path, m;
 3. `final rotation`: error of the rotation that follows, rad.
 
-The heading error is turn + final rotation; turn is also what bends the path.
+The heading error is turn + final rotation; the turn error also bends the path.
 """
 
 from collections.abc import Callable
@@ -28,7 +28,7 @@ LOG_TWO_PI = 1.8378770664093453
 def sample_increment(
     key: PRNGKeyArray, noisy_increment: Callable, variances: Float[Array, "4"]
 ) -> Float[Array, "3"]:
-    """Draws an increment `[3]` (m, m, rad): independent normal noise put through the model."""
+    """Draw an increment `[3]` (m, m, rad) by passing independent normal noise through the model."""
     standard = jax.random.normal(key, variances.shape, variances.dtype)
     return noisy_increment(standard * jnp.sqrt(variances))
 
@@ -36,17 +36,17 @@ def sample_increment(
 def increment_log_prob(
     increment: Float[Array, "3"], noisy_increment: Callable, variances: Float[Array, "4"]
 ) -> Float[Array, ""]:
-    r"""Log-density of an increment `[3]` over (x m, y m, theta rad), in closed form.
+    r"""Return the log-density of an increment `[3]` over (x m, y m, theta rad), in closed form.
 
-    Tables 5.1 and 5.5 of Probabilistic Robotics give a density over the *noise*; as a density over
-    poses it lacks the Jacobian, which grows without bound as the translation shrinks. Here instead:
+    Tables 5.1 and 5.5 of Probabilistic Robotics give a density over the *noise*. As a density over poses, it
+    lacks the Jacobian, which grows without bound as the translation shrinks. This function instead uses:
 
-    - heading error $h$: normal, exactly (for a deviation small against π);
-    - position given $h$: normal, its mean and covariance to second order in the noise. The turn
-      error is normal given $h$, with mean $k h$, $k = \sigma_t^2 / (\sigma_t^2 + \sigma_f^2)$, and
-      variance $k \sigma_f^2$. The mean goes through the model whole, so the path bends with it.
+    - heading error $h$: exactly normal (if its standard deviation is small compared with π);
+    - position given $h$: normal, with mean and covariance to second order in the noise. The turn error is
+      normal given $h$, with mean $k h$, $k = \sigma_t^2 / (\sigma_t^2 + \sigma_f^2)$, and variance
+      $k \sigma_f^2$. This mean is passed through the full model, so the path bends with it.
 
-    It integrates to one and is finite for every increment, a standing robot's too.
+    The density integrates to one and is finite for every increment, including that of a stationary robot.
     """
     turn_variance, final_variance = variances[TURN], variances[FINAL_ROTATION]
     heading_variance = turn_variance + final_variance
@@ -62,7 +62,7 @@ def increment_log_prob(
 def predicted_frame_covariance(
     noisy_increment: Callable, variances: Float[Array, "4"]
 ) -> Float[Array, "3 3"]:
-    """Covariance `[3, 3]` of the error in the predicted pose's frame, to first order."""
+    """Return the covariance `[3, 3]` of the error in the predicted pose's frame, to first order."""
     zero = jnp.zeros_like(variances)
     predicted = noisy_increment(zero)
     jacobian = jax.jacfwd(lambda noise: se2.relative(predicted, noisy_increment(noise)))(zero)
@@ -76,7 +76,7 @@ def _position_error(
     expected: Float[Array, "4"],
     variances: Float[Array, "3"],
 ) -> tuple[Float[Array, "2"], Float[Array, "2 2"]]:
-    """Position minus its mean, and the covariance, in the frame of the path.
+    """Return the position minus its mean, and the position's covariance, in the frame of the path.
 
     The noise (turn, along, across) has mean `expected` and independent `variances`. With Jacobian J
     and Hessian H of the model: mean + ½ Σ H_ii σ_i², covariance J D Jᵀ + ½ Σ H_ij H_ijᵀ σ_i² σ_j².
@@ -88,7 +88,7 @@ def _position_error(
     zero = jnp.zeros_like(variances)
     jacobian = jax.jacfwd(model)(zero)
     hessian = jax.jacfwd(jax.jacfwd(model))(zero)
-    # Along the path the covariance is nearly diagonal, so float32 does not cancel.
+    # In the path frame the covariance is nearly diagonal, which avoids cancellation in float32.
     cos, sin = jacobian[:, ALONG] / jnp.linalg.norm(jacobian[:, ALONG])
     to_path = jnp.stack([jnp.stack([cos, sin]), jnp.stack([-sin, cos])])
 
@@ -105,7 +105,7 @@ def _normal_1d(residual: Float[Array, ""], variance: Float[Array, ""]) -> Float[
 
 
 def _normal_2d(residual: Float[Array, "2"], covariance: Float[Array, "2 2"]) -> Float[Array, ""]:
-    """Normal log-density by the 2 × 2 Cholesky factor: given x, then y given x."""
+    """Return the normal log-density as that of x plus that of y given x."""
     slope = covariance[0, 1] / covariance[0, 0]
     remaining = covariance[1, 1] - slope * covariance[0, 1]
     return _normal_1d(residual[0], covariance[0, 0]) + _normal_1d(

@@ -1,4 +1,4 @@
-"""What a motion model is."""
+"""The interface of a motion model."""
 
 import abc
 
@@ -9,24 +9,23 @@ from jaxslam.core.types import OdometryIncrement
 
 
 class AbstractMotionModel(eqx.Module):
-    """p(x_t | x_{t−1}, u_t) for one particle. Vmap over particles with `in_axes=(0, 0, None)`."""
+    """Motion model p(x_t | x_{t−1}, u_t) of one particle; vmap over particles with `in_axes=(0, 0, None)`."""
 
     @abc.abstractmethod
     def sample(
         self, key: PRNGKeyArray, pose: Float[Array, "3"], odometry: OdometryIncrement
     ) -> Float[Array, "3"]:
-        """Draws the next pose `[3]` (m, m, rad, world frame) from the last one and the odometry."""
+        """Draw the next pose `[3]` (m, m, rad, world frame), given the last pose and the odometry."""
 
     @abc.abstractmethod
     def log_prob(
         self, pose_next: Float[Array, "3"], pose: Float[Array, "3"], odometry: OdometryIncrement
     ) -> Float[Array, ""]:
-        """Natural log of the density of `pose_next` given `pose` and the odometry."""
+        """Return the natural log of the density of `pose_next`, given `pose` and the odometry."""
 
     @abc.abstractmethod
     def covariance(self, odometry: OdometryIncrement) -> Float[Array, "3 3"]:
-        """Covariance `[3, 3]` of the increment in the *predicted* pose's frame (m², m·rad, rad²).
+        """Return the covariance `[3, 3]` of the increment in the *predicted* pose's frame (m², m·rad, rad²).
 
-        Symmetric positive definite, to first order in the noise: what a scan matcher uses as its
-        prior.
+        It is symmetric positive definite and first-order in the noise; scan matchers use it as their prior.
         """

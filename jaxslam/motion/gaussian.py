@@ -1,4 +1,4 @@
-"""The motion model of an increment that comes with its covariance."""
+"""A motion model for odometry that reports its own covariance."""
 
 import jax
 import jax.numpy as jnp
@@ -13,23 +13,22 @@ from jaxslam.motion.base import AbstractMotionModel
 
 
 class GaussianMotion(AbstractMotionModel):
-    """The increment as a normal variable: mean `odometry.delta`, covariance `odometry.covariance`.
+    """Normally distributed increment with mean `odometry.delta` and covariance `odometry.covariance`.
 
-    For odometry that knows its own uncertainty, such as the output of an EKF over wheels and IMU.
-    The covariance is scaled, and floors are added to its diagonal (squared), so that a source that
-    gives zeros still spreads the particles. It is taken in the axes of the base at the start, like
-    `delta`.
+    Use it for odometry that reports its own uncertainty, such as the output of an EKF over wheels and IMU.
+    The covariance is scaled, and the squared floors are added to its diagonal, so that particles spread even
+    if the source reports zeros. Like `delta`, it is expressed in the base frame at the start.
 
-    The covariance must be finite. One that is not positive semidefinite is repaired to one with
-    the same variances, up to the floors, and correlations that are possible.
+    The covariance must be finite. If it is not positive semidefinite, its correlations are reduced until they
+    are possible; its variances stay the same up to the floors.
 
     Attributes:
-        covariance_scale: factor on the covariance that came with the increment, ≥ 0.
+        covariance_scale: factor on the reported covariance, ≥ 0.
         translation_floor: standard deviation added to x and to y per step, m, > 0.
         rotation_floor: standard deviation added to the heading per step, rad, > 0.
 
     Example:
-        Covariance zero, floors of 10 mm and 5 mrad: `covariance` is diag(1e-4, 1e-4, 2.5e-5) and
+        With zero covariance and floors of 10 mm and 5 mrad, `covariance` is diag(1e-4, 1e-4, 2.5e-5) and
         `log_prob` at the predicted pose is 11.752.
     """
 
@@ -43,14 +42,14 @@ class GaussianMotion(AbstractMotionModel):
     def sample(
         self, key: PRNGKeyArray, pose: Float[Array, "3"], odometry: OdometryIncrement
     ) -> Float[Array, "3"]:
-        """Draws the next pose `[3]` (m, m, rad)."""
+        """Draw the next pose `[3]` (m, m, rad)."""
         noise = self._factor(odometry) @ jax.random.normal(key, (3,), odometry.delta.dtype)
         return se2.compose(pose, odometry.delta + noise)
 
     def log_prob(
         self, pose_next: Float[Array, "3"], pose: Float[Array, "3"], odometry: OdometryIncrement
     ) -> Float[Array, ""]:
-        """Natural log of the density of `pose_next` per m²·rad; the heading error is wrapped."""
+        """Return the natural log of the density of `pose_next` per m²·rad; the heading error is wrapped."""
         factor = self._factor(odometry)
         residual = se2.relative(pose, pose_next) - odometry.delta
         residual = residual.at[2].set(se2.wrap(residual[2]))
@@ -59,7 +58,7 @@ class GaussianMotion(AbstractMotionModel):
         return -0.5 * (whitened @ whitened + log_determinant + 3.0 * LOG_TWO_PI)
 
     def covariance(self, odometry: OdometryIncrement) -> Float[Array, "3 3"]:
-        """Covariance `[3, 3]` of the increment in the predicted pose's frame (m², m·rad, rad²)."""
+        """Return the covariance `[3, 3]` of the increment in the predicted pose's frame (m², m·rad, rad²)."""
         cos, sin = jnp.cos(odometry.delta[2]), jnp.sin(odometry.delta[2])
         zero, one = jnp.zeros_like(cos), jnp.ones_like(cos)
         rotation = jnp.stack(

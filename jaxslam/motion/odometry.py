@@ -21,35 +21,35 @@ from jaxslam.motion.base import AbstractMotionModel
 
 
 class OdometryMotion(AbstractMotionModel):
-    r"""Odometry as a rotation, a translation and a second rotation, each with its own noise.
+    r"""Odometry split into a rotation, a translation and a second rotation, each with its own noise.
 
     With $\delta_{rot1}, \delta_{trans}, \delta_{rot2}$ from the increment, the noise is normal with
-    the **variances** of the book's second and later printings:
+    the **variances** of the second and later printings of Probabilistic Robotics:
 
     - rotations: $\alpha_1 \delta_{rot}^2 + \alpha_2 \delta_{trans}^2$;
     - translation: $\alpha_3 \delta_{trans}^2 + \alpha_4 (\delta_{rot1}^2 + \delta_{rot2}^2)$.
 
-    The first printing is linear in the motion ($\alpha_1 |\delta_{rot1}| + \alpha_2
-    \delta_{trans}$), and ROS 1 AMCL long passed the variance off as a deviation: their alphas do
-    not carry over.
+    Alphas tuned for other implementations cannot be reused: the first printing is linear in the motion
+    ($\alpha_1 |\delta_{rot1}| + \alpha_2 \delta_{trans}$), and ROS 1 AMCL long used the variance as a
+    standard deviation.
 
-    Three things go beyond the book. The robot may drive backwards: the translation is signed and
-    the first rotation at most a quarter turn, so reversing is not charged for two half turns. A
-    translation below `direction_threshold` has no direction of its own and fades into a pure
-    rotation. The floors keep a step without motion from being certain, and act across the path too.
+    The model extends the book in three ways. The robot may drive backwards: the translation is signed and the
+    first rotation is at most a quarter turn, so reversing does not add the noise of two half turns. The
+    direction of a translation shorter than `direction_threshold` fades out, which leaves a pure rotation. The
+    floors keep the noise above zero in a step without motion; they also act across the path.
 
     Attributes:
         rotation_noise_from_rotation: α1, rad² per rad².
         rotation_noise_from_translation: α2, rad² per m².
         translation_noise_from_translation: α3, m² per m².
         translation_noise_from_rotation: α4, m² per rad².
-        translation_floor: least standard deviation of the position per step and axis, m, > 0.
-        rotation_floor: least standard deviation of the heading per step, rad, > 0.
+        translation_floor: minimum standard deviation of the position per step and axis, m, > 0.
+        rotation_floor: minimum standard deviation of the heading per step, rad, > 0.
         direction_threshold: translation at which its direction begins to count, m, > 0.
 
     References:
-        Thrun, Burgard, Fox, Probabilistic Robotics, table 5.6 (`sample`) and 5.5 (`log_prob`, with
-        the Jacobian and the noise of table 5.6, see `increment_log_prob`).
+        Thrun, Burgard, Fox 2005, Probabilistic Robotics, tables 5.6 (`sample`) and 5.5 (`log_prob`, with the
+        Jacobian and the noise of table 5.6, see `increment_log_prob`).
 
     Example:
         1 m straight ahead with α1 = 0.02, α2 = 0.01, α3 = 0.01, α4 = 0.0025 and floors of 5 mm and
@@ -70,7 +70,7 @@ class OdometryMotion(AbstractMotionModel):
     def sample(
         self, key: PRNGKeyArray, pose: Float[Array, "3"], odometry: OdometryIncrement
     ) -> Float[Array, "3"]:
-        """Draws the next pose `[3]` (table 5.6)."""
+        """Draw the next pose `[3]` (table 5.6)."""
         parts = self._decompose(odometry)
         increment = sample_increment(key, parts.noisy_increment, self._variances(parts))
         return se2.compose(pose, increment)
@@ -78,13 +78,13 @@ class OdometryMotion(AbstractMotionModel):
     def log_prob(
         self, pose_next: Float[Array, "3"], pose: Float[Array, "3"], odometry: OdometryIncrement
     ) -> Float[Array, ""]:
-        """Natural log of the density of `pose_next` per m²·rad; finite everywhere."""
+        """Return the natural log of the density of `pose_next` per m²·rad; finite everywhere."""
         parts = self._decompose(odometry)
         increment = se2.relative(pose, pose_next)
         return increment_log_prob(increment, parts.noisy_increment, self._variances(parts))
 
     def covariance(self, odometry: OdometryIncrement) -> Float[Array, "3 3"]:
-        """Covariance `[3, 3]` of the increment in the predicted pose's frame (m², m·rad, rad²)."""
+        """Return the covariance `[3, 3]` of the increment in the predicted pose's frame (m², m·rad, rad²)."""
         parts = self._decompose(odometry)
         return predicted_frame_covariance(parts.noisy_increment, self._variances(parts))
 
@@ -102,7 +102,7 @@ class OdometryMotion(AbstractMotionModel):
         second = parts.second_rotation * parts.second_rotation
         translation = parts.along * parts.along
         translation_floor = self.translation_floor * self.translation_floor
-        # Two rotations share the floor, so the heading's deviation is never below it.
+        # Each rotation gets half the squared floor, so the heading's deviation is at least the floor.
         rotation = (
             self.rotation_noise_from_translation * translation
             + 0.5 * self.rotation_floor * self.rotation_floor
@@ -123,7 +123,7 @@ class OdometryMotion(AbstractMotionModel):
 
 
 class _RotateDriveRotate(eqx.Module):
-    """An increment taken apart without loss; `across` is what the threshold left over, m."""
+    """Lossless decomposition of an increment; `across` (m) is the remainder caused by the threshold."""
 
     first_rotation: Float[Array, ""]
     along: Float[Array, ""]
@@ -131,7 +131,7 @@ class _RotateDriveRotate(eqx.Module):
     second_rotation: Float[Array, ""]
 
     def noisy_increment(self, noise: Float[Array, "4"]) -> Float[Array, "3"]:
-        """The increment `[3]` with noise `[4]` (turn, along, across, final rotation) added."""
+        """Return the increment `[3]` with noise `[4]` (turn, along, across, final rotation) added."""
         direction = self.first_rotation + noise[TURN]
         translation = jnp.stack([self.along + noise[ALONG], self.across + noise[ACROSS]])
         heading = se2.wrap(direction + self.second_rotation + noise[FINAL_ROTATION])

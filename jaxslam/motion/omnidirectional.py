@@ -1,4 +1,4 @@
-"""The motion model of a robot that drives any way without turning."""
+"""A motion model for robots that can drive in any direction without turning."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
@@ -20,13 +20,13 @@ from jaxslam.motion.base import AbstractMotionModel
 
 
 class OmnidirectionalMotion(AbstractMotionModel):
-    r"""Odometry as a straight translation in any direction and a rotation on the way, with normal noise.
+    r"""Odometry as a straight translation in any direction with a rotation during it, with normal noise.
 
-    Unlike `OdometryMotion`, the direction of the translation says nothing about the heading: a robot that
-    moves sideways has not turned. The noise is normal with the **variances**
+    Unlike in `OdometryMotion`, the direction of the translation is independent of the heading: a robot that
+    moves sideways has not turned. The noise has the **variances**
 
-    - along the way: $\alpha_3 \delta_{trans}^2 + \alpha_4 \delta_{rot}^2$;
-    - across it: $\alpha_5 \delta_{trans}^2 + \alpha_4 \delta_{rot}^2$;
+    - along the path: $\alpha_3 \delta_{trans}^2 + \alpha_4 \delta_{rot}^2$;
+    - across the path: $\alpha_5 \delta_{trans}^2 + \alpha_4 \delta_{rot}^2$;
     - heading: $\alpha_1 \delta_{rot}^2 + \alpha_2 \delta_{trans}^2$.
 
     Attributes:
@@ -35,15 +35,15 @@ class OmnidirectionalMotion(AbstractMotionModel):
         translation_noise_from_translation: α3, m² per m².
         translation_noise_from_rotation: α4, m² per rad².
         strafe_noise_from_translation: α5, m² per m².
-        translation_floor: least standard deviation of the position per step and axis, m, > 0.
-        rotation_floor: least standard deviation of the heading per step, rad, > 0.
+        translation_floor: minimum standard deviation of the position per step and axis, m, > 0.
+        rotation_floor: minimum standard deviation of the heading per step, rad, > 0.
 
     References:
-        Five noise parameters as in nav2's omnidirectional model; variances as in Probabilistic Robotics.
+        nav2's omnidirectional model (the five noise parameters); Thrun, Burgard, Fox 2005 (the variances).
 
     Example:
-        1 m to the left without turning, defaults: deviations 0.0583 m along, 0.0583 m across and
-        0.1118 rad.
+        1 m to the left without turning, with the defaults: standard deviations of 0.0583 m along, 0.0583 m
+        across and 0.1118 rad.
     """
 
     rotation_noise_from_rotation: Scalar = 0.09
@@ -60,19 +60,19 @@ class OmnidirectionalMotion(AbstractMotionModel):
     def sample(
         self, key: PRNGKeyArray, pose: Float[Array, "3"], odometry: OdometryIncrement
     ) -> Float[Array, "3"]:
-        """Draws the next pose `[3]`."""
+        """Draw the next pose `[3]`."""
         noisy = _along_its_way(odometry)
         return se2.compose(pose, sample_increment(key, noisy, self._variances(odometry)))
 
     def log_prob(
         self, pose_next: Float[Array, "3"], pose: Float[Array, "3"], odometry: OdometryIncrement
     ) -> Float[Array, ""]:
-        """Natural log of the density of `pose_next` per m²·rad; finite everywhere."""
+        """Return the natural log of the density of `pose_next` per m²·rad; finite everywhere."""
         increment = se2.relative(pose, pose_next)
         return increment_log_prob(increment, _along_its_way(odometry), self._variances(odometry))
 
     def covariance(self, odometry: OdometryIncrement) -> Float[Array, "3 3"]:
-        """Covariance `[3, 3]` of the increment in the predicted pose's frame (m², m·rad, rad²)."""
+        """Return the covariance `[3, 3]` of the increment in the predicted pose's frame (m², m·rad, rad²)."""
         return predicted_frame_covariance(_along_its_way(odometry), self._variances(odometry))
 
     def _variances(self, odometry: OdometryIncrement) -> Float[Array, "4"]:
@@ -87,7 +87,7 @@ class OmnidirectionalMotion(AbstractMotionModel):
         )
         return jnp.stack(
             [
-                # Its root has no slope at 0.
+                # Not 0, where the square root has no finite derivative.
                 jnp.full_like(heading, 1e-12),
                 self.translation_noise_from_translation * translation + from_rotation,
                 self.strafe_noise_from_translation * translation + from_rotation,
@@ -97,17 +97,17 @@ class OmnidirectionalMotion(AbstractMotionModel):
 
 
 def _along_its_way(odometry: OdometryIncrement):
-    """The increment `[3]` as a function of noise `[4]` on its way, across it and on the heading."""
+    """Return the increment `[3]` as a function of noise `[4]` (turn, along, across, final rotation)."""
     x, y, theta = odometry.delta
     squared = x * x + y * y
     moves = squared > 0.0
     length = jnp.where(moves, jnp.sqrt(jnp.where(moves, squared, 1.0)), 0.0)
-    # A robot that stands has no direction: any will do.
+    # A stationary robot has no direction of motion, so use 0.
     direction = jnp.where(moves, jnp.arctan2(y, jnp.where(moves, x, 1.0)), 0.0)
 
     def noisy_increment(noise: Float[Array, "4"]) -> Float[Array, "3"]:
         translation = jnp.stack([length + noise[ALONG], noise[ACROSS]])
-        # The turn is there for the others' sake and has no variance.
+        # Turn noise is part of the common interface; its variance is negligible here.
         heading = se2.wrap(theta + noise[TURN] + noise[FINAL_ROTATION])
         return jnp.append(se2.rotate(direction + noise[TURN], translation), heading)
 

@@ -1,4 +1,4 @@
-"""The velocity motion model: an arc, then a small rotation on the spot."""
+"""The velocity motion model: an arc, then a small rotation in place."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -24,16 +24,14 @@ class VelocityMotion(AbstractMotionModel):
     r"""Constant speed and turn rate over a step, each with noise, and a final rotation.
 
     The noise of $v$, $\omega$ and the final rotation $\gamma$ is normal with the **variances** of
-    the book: $\alpha_1 v^2 + \alpha_2 \omega^2$ for $v$, $\alpha_3 v^2 + \alpha_4 \omega^2$ for
-    $\omega$, $\alpha_5 v^2 + \alpha_6 \omega^2$ for $\gamma$. Since $v$, $\omega$ and their noise
-    are constant over a step, its duration cancels: the model works on the arc's length $v\,dt$ and
-    angle $\omega\,dt$, so `dt` is not read and a step with `dt = 0` or a broken stamp is a step
-    like any other.
+    Probabilistic Robotics: $\alpha_1 v^2 + \alpha_2 \omega^2$ for $v$, $\alpha_3 v^2 + \alpha_4 \omega^2$ for
+    $\omega$, $\alpha_5 v^2 + \alpha_6 \omega^2$ for $\gamma$. $v$, $\omega$ and their noise are constant over
+    a step, so its duration cancels: the model uses the arc's length $v\,dt$ and angle $\omega\,dt$. It never
+    reads `dt`, so a step with `dt = 0` or a wrong stamp needs no special treatment.
 
-    The arc is the one whose chord lies along the mean heading, as wheels drive it. What the
-    odometry saw beside that chord (nothing, for a differential drive) is kept as it is, so the mean
-    of the model is always the increment itself. The floors keep a step without motion from being
-    certain.
+    A wheeled robot drives an arc whose chord points along the mean heading. The displacement perpendicular to
+    this chord (zero for a differential drive) is kept unchanged, so the mean of the model is always the
+    increment itself. The floors keep the noise above zero in a step without motion.
 
     Attributes:
         translation_noise_from_translation: α1, m² per m².
@@ -42,12 +40,12 @@ class VelocityMotion(AbstractMotionModel):
         rotation_noise_from_rotation: α4, rad² per rad².
         final_rotation_noise_from_translation: α5, rad² per m².
         final_rotation_noise_from_rotation: α6, rad² per rad².
-        translation_floor: least standard deviation of the position per step and axis, m, > 0.
-        rotation_floor: least standard deviation of the heading per step, rad, > 0.
+        translation_floor: minimum standard deviation of the position per step and axis, m, > 0.
+        rotation_floor: minimum standard deviation of the heading per step, rad, > 0.
 
     References:
-        Thrun, Burgard, Fox, Probabilistic Robotics, table 5.3 (`sample`) and 5.1 (`log_prob`, with
-        the Jacobian and the noise of table 5.3, see `increment_log_prob`).
+        Thrun, Burgard, Fox 2005, Probabilistic Robotics, tables 5.3 (`sample`) and 5.1 (`log_prob`, with the
+        Jacobian and the noise of table 5.3, see `increment_log_prob`).
 
     Example:
         1 m straight ahead with α1 = 0.01, α3 = 0.01, α5 = 0.005 and floors of 5 mm and 5 mrad:
@@ -70,7 +68,7 @@ class VelocityMotion(AbstractMotionModel):
     def sample(
         self, key: PRNGKeyArray, pose: Float[Array, "3"], odometry: OdometryIncrement
     ) -> Float[Array, "3"]:
-        """Draws the next pose `[3]` (table 5.3)."""
+        """Draw the next pose `[3]` (table 5.3)."""
         arc = _Arc.through(odometry.delta)
         increment = sample_increment(key, arc.noisy_increment, self._variances(arc))
         return se2.compose(pose, increment)
@@ -78,20 +76,20 @@ class VelocityMotion(AbstractMotionModel):
     def log_prob(
         self, pose_next: Float[Array, "3"], pose: Float[Array, "3"], odometry: OdometryIncrement
     ) -> Float[Array, ""]:
-        """Natural log of the density of `pose_next` per m²·rad; finite everywhere."""
+        """Return the natural log of the density of `pose_next` per m²·rad; finite everywhere."""
         arc = _Arc.through(odometry.delta)
         increment = se2.relative(pose, pose_next)
         return increment_log_prob(increment, arc.noisy_increment, self._variances(arc))
 
     def covariance(self, odometry: OdometryIncrement) -> Float[Array, "3 3"]:
-        """Covariance `[3, 3]` of the increment in the predicted pose's frame (m², m·rad, rad²)."""
+        """Return the covariance `[3, 3]` of the increment in the predicted pose's frame (m², m·rad, rad²)."""
         arc = _Arc.through(odometry.delta)
         return predicted_frame_covariance(arc.noisy_increment, self._variances(arc))
 
     def _variances(self, arc: "_Arc") -> Float[Array, "4"]:
         translation, rotation = arc.length * arc.length, arc.angle * arc.angle
         translation_floor = self.translation_floor * self.translation_floor
-        # The arc and the final rotation share the floor: the heading's deviation is never below it.
+        # Each rotation gets half the squared floor, so the heading's deviation is at least the floor.
         rotation_floor = 0.5 * self.rotation_floor * self.rotation_floor
         along = (
             self.translation_noise_from_translation * translation
@@ -112,7 +110,7 @@ class VelocityMotion(AbstractMotionModel):
 
 
 class _Arc(eqx.Module):
-    """An arc of signed length (m) and angle (rad), and a shift across its chord (m)."""
+    """Arc of signed length (m) and angle (rad), with a shift perpendicular to its chord (m)."""
 
     length: Float[Array, ""]
     angle: Float[Array, ""]
@@ -120,13 +118,13 @@ class _Arc(eqx.Module):
 
     @classmethod
     def through(cls, delta: Float[Array, "3"]) -> "_Arc":
-        # Wrapped, the half angle stays within a quarter turn, where the chord is never zero.
+        # Wrapping keeps the half angle within a quarter turn, where the chord is never zero.
         angle = se2.wrap(delta[2])
         chord, across = se2.rotate(-0.5 * angle, delta[:2])
         return cls(chord / _chord_per_arc(angle), angle, across)
 
     def noisy_increment(self, noise: Float[Array, "4"]) -> Float[Array, "3"]:
-        """The increment `[3]` with noise `[4]` (turn, along, across, final rotation) added."""
+        """Return the increment `[3]` with noise `[4]` (turn, along, across, final rotation) added."""
         angle = self.angle + noise[TURN]
         chord = (self.length + noise[ALONG]) * _chord_per_arc(angle)
         translation = jnp.stack([chord, self.across + noise[ACROSS]])
@@ -135,14 +133,14 @@ class _Arc(eqx.Module):
 
 
 def _chord_per_arc(angle: Float[Array, ""]) -> Float[Array, ""]:
-    """sin(a/2) / (a/2): the chord of an arc of angle a over its length, 1 for a straight line.
+    """Return chord over arc length, sin(a/2) / (a/2), for an arc of angle a; 1 for a straight line.
 
-    Equation (5.9) divides by ω; in this form the straight line needs no case of its own. `jnp.sinc`
-    has the same values, but its second derivative near 0 is rounding noise in float32.
+    Equation (5.9) of Probabilistic Robotics divides by ω; this form also holds for a straight line.
+    `jnp.sinc` has the same values, but its second derivative near 0 is rounding noise in float32.
     """
     half = 0.5 * angle
     square = half * half
-    # To (a/2)⁶; the next term is 1e-8 at the switch.
+    # Taylor series up to (a/2)⁶; the next term is 1e-8 at the switch.
     series = 1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0))
     is_small = jnp.abs(half) < 0.5
     divisor = jnp.where(is_small, jnp.ones_like(half), half)

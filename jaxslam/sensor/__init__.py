@@ -1,4 +1,4 @@
-"""Sensor models: how likely a scan is at a pose in a map."""
+"""Sensor models: the likelihood of a scan at a pose in a map."""
 
 from jaxslam.sensor.base import AbstractSensorModel
 from jaxslam.sensor.beam import Beam

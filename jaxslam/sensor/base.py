@@ -14,7 +14,7 @@ from jaxslam.lidar.beams import spread_beams
 
 
 class AbstractSensorModel(eqx.Module):
-    """p(z_t | x_t, m): the same models serve mapping and localization.
+    """Sensor model p(z_t | x_t, m), used for both mapping and localization.
 
     In mapping, `log_prob` scores a particle on the distance field of its own map. In localization, `prepare`
     is called once for the known map, and `log_prob_all` scores all particles on its result.
@@ -28,14 +28,14 @@ class AbstractSensorModel(eqx.Module):
     @property
     @abc.abstractmethod
     def independent_count(self) -> float | Float[Array, ""]:
-        """Number of independent beams whose weight a scan has."""
+        """Return the number of independent beams that weigh as much as a scan."""
 
     def num_scored(self, scan: LidarScan) -> Float[Array, ""]:
-        """Return how many of the scored beams returned."""
+        """Return the number of scored beams that have a return."""
         return jnp.sum(scan.valid[spread_beams(scan.num_beams, self.max_beams)], dtype=jnp.float32)
 
     def prepare(self, map: KnownMap) -> Any:
-        """Compute what the model looks up on a known map, in the frame of the map; by default its field."""
+        """Return the model's look-up structure for a known map, in the map frame; by default its field."""
         return map.field()
 
     @abc.abstractmethod
@@ -49,5 +49,5 @@ class AbstractSensorModel(eqx.Module):
         """
 
     def log_prob_all(self, prepared: Any, scan: LidarScan, poses: Float[Array, "N 3"]) -> Float[Array, "N"]:
-        """Return `log_prob` at each pose `[N, 3]`; override it where all poses together are faster."""
+        """Return `log_prob` at each pose `[N, 3]`; override it if a batched computation is faster."""
         return jax.vmap(self.log_prob, (None, None, 0))(prepared, scan, poses)

@@ -1,4 +1,4 @@
-"""The beam model: the range that the map predicts, and four ways for a reading to differ from it."""
+"""The beam model: a mixture of four densities around the range that the map predicts."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,34 +15,34 @@ from jaxslam.sensor.base import AbstractSensorModel
 
 
 class Beam(AbstractSensorModel):
-    r"""Mixture over the range $z$ of a beam, given the range $z^*$ cast in the map.
+    r"""Mixture density of a beam's range $z$, given the range $z^*$ cast in the map.
 
-    - hit: normal around $z^*$ with deviation `sigma_hit`, normalized on [0, `max_range`];
-    - short: $\propto e^{-\lambda_{short} z}$ on $[0, z^*]$, something in the way;
-    - max: a mass at `max_range`, no return;
+    - hit: normal around $z^*$ with standard deviation `sigma_hit`, normalized on [0, `max_range`];
+    - short: $\propto e^{-\lambda_{short} z}$ on $[0, z^*]$, for an unmapped obstacle in the way;
+    - max: point mass at `max_range`, for a beam without a return;
     - random: uniform on [0, `max_range`].
 
-    The weights are divided by their sum, so that the density over [0, `max_range`) and the mass at its end
-    add up to one.
+    The weights are divided by their sum, so that the density over [0, `max_range`) and the point mass at
+    `max_range` add up to one.
 
     Attributes:
-        max_range: of the lidar, meters: a reading at or over it is no return.
-        sigma_hit: deviation of a reading that hit the mapped obstacle, meters; at least half a cell.
+        max_range: range of the lidar, meters; a reading of `max_range` or more counts as no return.
+        sigma_hit: standard deviation of a reading of the mapped obstacle, meters; at least half a cell.
         z_hit: weight of readings of the mapped obstacle.
-        z_short: weight of readings of something before it.
+        z_short: weight of readings of an unmapped obstacle in front of it.
         z_max: weight of no return.
-        z_rand: weight of readings that nothing explains, > 0: it keeps one beam from ruling a pose out.
-        lambda_short: λ, how fast unmapped obstacles thin out with distance, 1/m, > 0.
-        beam_weight: β, what one beam counts for against independent ones: neighboring beams see the same
-            wall, and the error of a map is common to all.
+        z_rand: weight of unexplained readings, > 0, so that a single beam cannot rule out a pose.
+        lambda_short: λ, rate at which readings of unmapped obstacles decrease with distance, 1/m, > 0.
+        beam_weight: β, weight of a beam relative to an independent beam. Beams are dependent: neighboring
+            beams hit the same wall, and all share the error of the map.
         max_beams: beams that are scored, evenly spread over the scan (static).
 
     References:
-        Thrun, Burgard, Fox, Probabilistic Robotics, table 6.1; `beam_weight` is ours.
+        Thrun, Burgard, Fox 2005, Probabilistic Robotics, table 6.1; `beam_weight` is an addition.
 
     Example:
-        `Beam(10.0, sigma_hit=0.1, z_hit=0.8, z_short=0.05, z_max=0.05, z_rand=0.1, lambda_short=0.1)`: where
-        2 m are expected, the log density of reading 2 m is 1.1707, of 1 m −3.3535 and of 5 m −4.6052.
+        `Beam(10.0, sigma_hit=0.1, z_hit=0.8, z_short=0.05, z_max=0.05, z_rand=0.1, lambda_short=0.1)`: if the
+        expected range is 2 m, the log density is 1.1707 at 2 m, −3.3535 at 1 m and −4.6052 at 5 m.
     """
 
     max_range: float | Float[Array, ""] = 80.0
@@ -60,26 +60,26 @@ class Beam(AbstractSensorModel):
 
     @property
     def independent_count(self) -> float | Float[Array, ""]:
-        """`beam_weight` times the number of beams."""
+        """Return `beam_weight` times the number of beams."""
         return self.beam_weight * self.max_beams
 
     def log_prob(self, prepared: Field, scan: LidarScan, pose: Float[Array, "3"]) -> Float[Array, ""]:
-        """Scalar, natural log: β times the sum over the beams that returned, density per meter.
+        """Return β times the sum of the log densities (per meter) of the beams that returned.
 
-        The others are left out: the mass at `max_range` is the same at every pose.
+        Other beams are omitted, because the point mass at `max_range` is the same at every pose.
         """
         chosen = spread_beams(scan.num_beams, self.max_beams)
         ranges, valid = scan.ranges[chosen], scan.valid[chosen]
         pose_lidar = se2.compose(pose, scan.pose_base_lidar)
         entered = cast(prepared.fine, pose_lidar, scan.angles()[chosen], self.max_range)
-        # The surface lies anywhere in the cell that it made occupied: in the middle, on average.
+        # The surface can lie anywhere within the occupied cell; on average it lies in the middle.
         expected = jnp.minimum(entered + 0.5 * prepared.fine.resolution, self.max_range)
         log_density = self.log_density(ranges, expected)
         returned = valid & (ranges < self.max_range)
         return self.beam_weight * jnp.sum(jnp.where(returned, log_density, 0.0))
 
     def log_density(self, ranges: Float[Array, "B"], expected: Float[Array, "B"]) -> Float[Array, "B"]:
-        """Log density `[B]` per meter of ranges in [0, `max_range`), given the expected ones, > 0."""
+        """Return the log density `[B]` per meter of ranges in [0, `max_range`), given expected ranges > 0."""
         weight = 1.0 / (self.z_hit + self.z_short + self.z_max + self.z_rand)
         density = (
             self.z_hit * self._hit(ranges, expected)

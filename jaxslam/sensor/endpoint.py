@@ -1,4 +1,4 @@
-"""gmapping's end-point model: the nearest obstacle around each end point, if the beam could reach it."""
+"""gmapping's end-point model: the distance to the nearest obstacle that the beam could reach."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,33 +12,34 @@ from jaxslam.lidar.beams import scan_points
 from jaxslam.sensor.base import AbstractSensorModel
 
 _BEFORE = float(np.sqrt(2.0))
-"""How far before the end point the beam must still have been free, cells: never the same cell."""
+"""Distance before the end point at which the beam must be free, in cells; always in a different cell."""
 
 
 class Endpoint(AbstractSensorModel):
     r"""Log-likelihood $\beta \sum_k \max(-d_k^2 / 2\sigma^2, \text{log\_miss})$ over the valid beams.
 
     $d_k$ runs from the end point to the center of the nearest occupied cell among those at most `kernel` rows
-    and columns away whose neighbor towards the lidar is not occupied. A wall is thus only seen from its
-    front, which a distance field cannot tell. Where there is none, the beam counts `log_miss`.
+    and columns away whose neighbor towards the lidar is not occupied. A wall therefore matches only from its
+    front, whereas a distance field does not distinguish its sides. Without such a cell, a beam contributes
+    `log_miss`.
 
-    gmapping measures to the mean of the end points that fell into a cell; a cell here keeps no mean, and its
-    center stands for it. gmapping's σ² is 2σ² here.
+    gmapping measures to the mean of the end points in a cell; this model uses the center of the cell, because
+    cells store no mean. gmapping's σ² is 2σ² here.
 
     Attributes:
-        sigma_hit: σ, spread of end points around obstacles, meters.
-        log_miss: what a beam without an obstacle counts, and the least that any counts, nats, ≤ 0.
-        beam_weight: β, what one beam counts for against independent ones: neighboring beams see the same
-            wall, and the error of a map is common to all.
+        sigma_hit: σ, standard deviation of end points around obstacles, meters.
+        log_miss: log-likelihood of a beam without an obstacle and lower bound for all beams, nats, ≤ 0.
+        beam_weight: β, weight of a beam relative to an independent beam. Beams are dependent: neighboring
+            beams hit the same wall, and all share the error of the map.
         kernel: rows and columns searched on every side of the end point's cell, ≥ 0 (static).
         max_beams: beams that are scored, evenly spread over the scan (static).
 
     References:
-        Grisetti, Stachniss, Burgard 2007 and the implementation that came with it (likelihood-and-score).
+        Grisetti, Stachniss, Burgard 2007 and the authors' implementation (likelihood-and-score).
 
     Example:
-        σ = 0.1, 0.1 m cells, an end point 0.1 m from the center of the only obstacle, which is seen from its
-        front: −0.5.
+        With σ = 0.1 and 0.1 m cells, an end point 0.1 m from the center of the only obstacle, seen from its
+        front, has −0.5 before weighting.
     """
 
     sigma_hit: float | Float[Array, ""] = 0.1
@@ -53,11 +54,11 @@ class Endpoint(AbstractSensorModel):
 
     @property
     def independent_count(self) -> float | Float[Array, ""]:
-        """`beam_weight` times the number of beams."""
+        """Return `beam_weight` times the number of beams."""
         return self.beam_weight * self.max_beams
 
     def log_prob(self, prepared: Field, scan: LidarScan, pose: Float[Array, "3"]) -> Float[Array, ""]:
-        """Scalar, natural log up to a constant; 0 is the best there is."""
+        """Return the natural log of the likelihood up to a constant; its maximum is 0."""
         ends = scan_points(scan, self.max_beams)
         points = se2.apply(pose, ends.points)
         lidar = se2.compose(pose, scan.pose_base_lidar)[:2]
@@ -68,14 +69,14 @@ class Endpoint(AbstractSensorModel):
     def _nearest_seen(
         self, field: DistanceField, points: Float[Array, "B 2"], lidar: Float[Array, "2"]
     ) -> Float[Array, "B"]:
-        """Squared distance `[B]` in m² to the nearest obstacle that the beam could see, or infinity."""
+        """Return squared distances `[B]` in m² to the nearest obstacle visible to the beam, else infinity."""
         ray = points - lidar[None, :]
         length = jnp.sqrt(jnp.sum(ray**2, axis=1))
-        # A beam of no length has no cell before its end: any will do, as long as nothing is divided by 0.
+        # A beam of length 0 has no cell before its end; the bound only avoids a division by 0.
         back = ray * (_BEFORE * field.resolution / jnp.maximum(length, 1e-6))[:, None]
         cell, before = _cells(field, points), _cells(field, points - back)
         nearest = jnp.full(points.shape[0], jnp.inf, points.dtype)
-        # Spelt out, offset by offset: nothing of size beams × offsets is ever written.
+        # Unrolled over offsets, so that no array of size beams × offsets is written.
         for row in range(-self.kernel, self.kernel + 1):
             for column in range(-self.kernel, self.kernel + 1):
                 offset = jnp.asarray([[column, row]], jnp.int32)

@@ -1,4 +1,4 @@
-"""The likelihood-field model: how far each beam ended from the nearest obstacle."""
+"""The likelihood-field model: the distance from each end point to the nearest obstacle."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,32 +17,32 @@ from jaxslam.sensor.base import AbstractSensorModel
 class LikelihoodField(AbstractSensorModel):
     r"""Log-likelihood: $n_{ind}$ times the mean of $\log(z_{hit} e^{-d_k^2/2\sigma^2} + z_{rand})$.
 
-    The mean is used and not the sum, because neighboring beams see the same wall and the error of a map is
-    common to all beams: more beams do not make a scan more informative.
+    The model uses the mean and not the sum, because neighboring beams hit the same wall and all beams share
+    the error of the map: more beams do not make a scan more informative.
 
-    On the map of a particle, $d_k$ is interpolated and measured across the wall that the neighbors of the
-    beam show, or straight where they show none. A beam that ends where the map is unknown counts as the mean
-    of the others: new ground is evidence neither for a pose nor against it. On a known map, where many more
-    particles are scored, $d_k$ is the distance of the cell in which the beam ends, and a scan of fewer than
-    $n_{ind}$ beams counts as these beams.
+    On the map of a particle, $d_k$ is interpolated and measured along the normal of the wall estimated from
+    neighboring beams, or directly where the normal is unknown. A beam that ends in unknown space counts as
+    the mean of the others, because new ground is evidence neither for nor against a pose. On a known map,
+    where many more particles are scored, $d_k$ is the distance of the cell in which the beam ends, and a scan
+    of fewer than $n_{ind}$ beams counts as that number of beams.
 
     Attributes:
-        sigma_hit: spread of end points around obstacles, meters.
-        z_hit: weight of the beams that hit the map.
+        sigma_hit: standard deviation of end points around obstacles, meters.
+        z_hit: weight of beams that hit a mapped obstacle.
         z_rand: weight of beams that hit something else.
-        z_unseen: density, relative to the best, of a beam that ends where the map is unknown, if no other
-            beam decides.
-        unseen_beams: number of beams of that density that enter the mean before the others decide.
-        independent_beams: n_ind, number of independent beams whose weight a scan has. With more, rooms that
-            look alike are told apart by the errors of the map before the robot has seen the difference.
+        z_unseen: density of the prior beams in the mean, relative to the best; it decides if all beams
+            end in unknown space.
+        unseen_beams: number of prior beams with density `z_unseen` in the mean.
+        independent_beams: n_ind, number of independent beams that weigh as much as a scan. If too large,
+            map errors distinguish similar rooms before the robot has seen a real difference.
         max_beams: beams that are scored, evenly spread over the scan (static).
 
     References:
-        Thrun, Burgard, Fox 2005, table 6.3; the mean and the treatment of unknown space are ours.
+        Thrun, Burgard, Fox 2005, table 6.3; the mean and the treatment of unknown space are additions.
 
     Example:
-        Default weights on a known map: a beam on an obstacle has density 1, one that ends 2 σ from it 0.18,
-        one far from all obstacles 0.05.
+        With the default weights on a known map, a beam that ends on an obstacle has density 1, one 2 σ away
+        0.18, and one far from all obstacles 0.05.
     """
 
     sigma_hit: float | Float[Array, ""] = 0.1
@@ -58,13 +58,13 @@ class LikelihoodField(AbstractSensorModel):
 
     @property
     def independent_count(self) -> float | Float[Array, ""]:
-        """See `independent_beams`."""
+        """Return `independent_beams`."""
         return self.independent_beams
 
     def prepare(self, map: KnownMap) -> CellTable:
         """Return the log density of a beam, for each cell in which it can end."""
         hit = jnp.exp(-0.5 * (map.distance / self.sigma_hit) ** 2)
-        # The distance is truncated at `max_distance`, which stands for every larger one.
+        # A distance truncated at `max_distance` represents every larger distance.
         hit = jnp.where(map.distance < map.max_distance, hit, 0.0)
         return map.table(jnp.log((self.z_hit * hit + self.z_rand) / (self.z_hit + self.z_rand)))
 
@@ -73,7 +73,7 @@ class LikelihoodField(AbstractSensorModel):
     ) -> Float[Array, ""]:
         """Return the natural log of the likelihood at a pose `[3]`.
 
-        At most 0, which every beam on an obstacle gives, apart from `z_unseen`.
+        It is at most 0, reached if every beam ends on an obstacle (apart from the effect of `z_unseen`).
         """
         if isinstance(prepared, CellTable):
             return self.log_prob_all(prepared, scan, pose[None])[0]

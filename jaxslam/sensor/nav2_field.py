@@ -1,4 +1,4 @@
-"""The likelihood field as nav2's AMCL computes it: a sum of cubes."""
+"""The likelihood field of nav2's AMCL: a sum of cubes."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,13 +17,13 @@ from jaxslam.sensor.base import AbstractSensorModel
 class Nav2Field(AbstractSensorModel):
     r"""Likelihood $1 + \sum_k p_k^3$ with $p_k = z_{hit} e^{-d_k^2/2\sigma^2} + z_{rand} / z_{max}$.
 
-    nav2's AMCL, and ROS' AMCL before it, use this sum. It has no derivation; it is here for comparison.
+    AMCL uses this sum in both ROS 1 and nav2. It has no derivation and is provided for comparison.
 
     Attributes:
-        sigma_hit: spread of end points around obstacles, meters.
-        z_hit: weight of the beams that hit the map.
+        sigma_hit: standard deviation of end points around obstacles, meters.
+        z_hit: weight of beams that hit a mapped obstacle.
         z_rand: weight of beams that hit something else.
-        max_range: of the lidar, meters.
+        max_range: range of the lidar, meters.
         max_beams: beams that are scored, evenly spread over the scan (static).
     """
 
@@ -38,11 +38,11 @@ class Nav2Field(AbstractSensorModel):
 
     @property
     def independent_count(self) -> float:
-        """1: the sum of the cubes is not a product over beams."""
+        """Return 1, because the sum of cubes is not a product over beams."""
         return 1.0
 
     def prepare(self, map: KnownMap) -> CellTable:
-        """Return the cube that a beam adds, for each cell in which it can end."""
+        """Return a table of p_k³ for a beam that ends in each cell."""
         hit = jnp.exp(-0.5 * (map.distance / self.sigma_hit) ** 2)
         return map.table(self._cube(jnp.where(map.distance < map.max_distance, hit, 0.0)))
 

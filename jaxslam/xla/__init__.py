@@ -1,1 +1,1 @@
-"""Helpers that keep XLA from generating slow code; each file is one trick and the measurement behind it."""
+"""Helpers for XLA: compiler options, control flow, materialization, memory limits and sharding."""

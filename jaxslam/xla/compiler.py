@@ -1,4 +1,4 @@
-"""How to compile a filter for the CPU."""
+"""Compiler options for running a filter on the CPU."""
 
 import functools
 
@@ -9,17 +9,17 @@ _CPU_OPTIONS: dict[str, str | bool] = {"xla_cpu_use_fusion_emitters": False}
 
 @functools.cache
 def compiler_options() -> dict[str, str | bool]:
-    """Options for `jax.jit(run, compiler_options=…)` with which a step takes three quarters of the time.
+    """Return options for `jax.jit(run, compiler_options=…)` that reduce the time of a step to three quarters.
 
-    XLA's newer code generator for the CPU leaves look-ups and sums of several arrays in scalar code, which
-    the matcher consists of; the older one makes vector instructions of them. Empty on other devices, and
-    with a version of XLA that no longer has the choice.
+    The matcher consists of table look-ups and sums of several arrays. XLA's newer CPU code generator compiles
+    them to scalar code, the older one to vector instructions. The result is empty on other devices, and with
+    XLA versions that lack the older generator.
     """
     if jax.default_backend() != "cpu":
         return {}
     try:
         jax.jit(lambda: 0, compiler_options=_CPU_OPTIONS)()
     except jax.errors.JaxRuntimeError:
-        # "No such compile option": there is nothing to choose between.
+        # "No such compile option": this XLA has only one code generator.
         return {}
     return dict(_CPU_OPTIONS)

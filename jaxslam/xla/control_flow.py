@@ -11,10 +11,10 @@ T = TypeVar("T")
 
 
 def run_if(predicate: Bool[Array, ""], function: Callable[[T], T], operand: T) -> T:
-    """`function(operand)` where `predicate` holds, else `operand`.
+    """Return `function(operand)` where `predicate` holds, else `operand`.
 
-    `lax.cond` becomes a select under `vmap`: both sides always run. A loop of at most one trip does not:
-    it runs for the whole batch if any member needs it, and not at all if none does.
+    Under `vmap`, `lax.cond` becomes a select that always runs both sides. A `while_loop` with at most one
+    iteration runs for the whole batch if any member needs it, and is skipped if none does.
     """
 
     def once(carry: tuple[Array, T]) -> tuple[Array, T]:

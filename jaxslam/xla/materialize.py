@@ -11,13 +11,13 @@ T = TypeVar("T")
 
 
 def materialize(function: Callable[[T], Array], operand: T) -> Array:
-    """Return `function(operand)`, written to memory before anything reads it.
+    """Return `function(operand)`, written to memory before it is read.
 
-    On the CPU, XLA fuses the computation of a table into the loop that looks entries up, and so repeats it
-    for every look-up. What a branch computes stays in the branch, and its result is a buffer. The barrier
-    hides that the branch is always taken; alone it would be of no use, since XLA drops it before it fuses.
+    On the CPU, XLA fuses the computation of a table into the loop that looks up its entries, and so repeats
+    it for every look-up. XLA does not fuse across a branch, whose result is a buffer. The barrier hides that
+    the branch is always taken; a barrier alone has no effect, because XLA removes it before fusion.
     """
-    # Traced once, though it is asked for its shape and then called.
+    # `jit` caches the trace, so that `eval_shape` and the call trace the function only once.
     function = jax.jit(function)
     result = jax.eval_shape(function, operand)
     always = jax.lax.optimization_barrier(jnp.asarray(True))
@@ -25,7 +25,7 @@ def materialize(function: Callable[[T], Array], operand: T) -> Array:
 
 
 def compute_after(signal: Float[Array, "N"], values: Float[Array, "N 3"]) -> Float[Array, "N 3"]:
-    """Return `values`, which XLA cannot use before it has computed `signal`."""
+    """Return `values` with a dependency on `signal`: XLA computes `signal` before it can use `values`."""
     # No number satisfies both comparisons, but the compiler does not know that.
     never = (signal > 1.0) & (signal < 1.0)
     return values + never.astype(jnp.float32)[:, None]

@@ -1,4 +1,4 @@
-"""How much memory there is."""
+"""Memory available to this process and to a device."""
 
 import math
 import os
@@ -7,11 +7,11 @@ from pathlib import Path
 import jax
 
 _LIMIT = Path("/sys/fs/cgroup/memory.max")
-"""What a container may use, on Linux."""
+"""File with the memory limit of a Linux container, in bytes."""
 
 
 def physical_memory() -> float:
-    """Bytes of main memory that this process may use; infinite where the system does not tell."""
+    """Return the main memory available to this process in bytes; infinite if unknown."""
     names = getattr(os, "sysconf_names", {})
     if "SC_PHYS_PAGES" not in names:
         return math.inf
@@ -20,7 +20,7 @@ def physical_memory() -> float:
 
 
 def memory_of(device: jax.Device) -> float:
-    """Bytes that JAX may use of a device's own memory; infinite where it does not tell."""
+    """Return the device memory available to JAX in bytes; infinite if unknown."""
     return float((device.memory_stats() or {}).get("bytes_limit", math.inf))
 
 

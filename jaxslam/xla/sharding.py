@@ -1,4 +1,4 @@
-"""The particles of one filter spread over several devices: each keeps the maps of its own."""
+"""Sharding of one filter's particles over several devices; each device stores the maps of its particles."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -10,35 +10,35 @@ from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
 Tree = TypeVar("Tree")
 PARTICLES = "particles"
-"""Name of the mesh's axis."""
+"""Name of the mesh axis."""
 
 
 def cores() -> set[int]:
-    """The cores that this process may use."""
+    """Return the indices of the CPU cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return os.sched_getaffinity(0)
     return set(range(os.cpu_count() or 1))
 
 
 def particle_mesh(num_particles: int, devices: Sequence[jax.Device]) -> Mesh | None:
-    """Devices for equal shares of the particles; None for a single one, which needs no mesh.
+    """Return a mesh that divides the particles equally over devices; None for a single device.
 
     Raises:
-        ValueError: the particles cannot be shared out equally.
+        ValueError: there is no device, or the particles cannot be divided equally.
     """
     if not devices:
-        raise ValueError("there is no device to spread the particles over: give one or more")
+        raise ValueError("no devices to shard the particles over: give at least one")
     if num_particles % len(devices):
         raise ValueError(
-            f"{num_particles} particles cannot be shared out equally over {len(devices)} devices: "
-            f"take {-(-num_particles // len(devices)) * len(devices)}"
+            f"{num_particles} particles cannot be divided equally over {len(devices)} devices: "
+            f"use {-(-num_particles // len(devices)) * len(devices)}"
         )
-    # Of the automatic kind: in an explicit one, looking up by a traced index would be an error.
+    # Automatic axes, because explicit ones forbid indexing by a traced value.
     return Mesh(np.array(devices), (PARTICLES,), axis_types=(AxisType.Auto,)) if len(devices) > 1 else None
 
 
 def with_sharding(mesh: Mesh | None, tree: Tree, num_particles: int) -> Tree:
-    """The same arrays; those with the particles first, `[N, …]`, on the devices that have them."""
+    """Shard arrays whose first axis is the particles, `[N, …]`; replicate the others on every device."""
     if mesh is None:
         return tree
 
@@ -53,14 +53,14 @@ def with_sharding(mesh: Mesh | None, tree: Tree, num_particles: int) -> Tree:
 def shard_map(
     mesh: Mesh | None, function: Callable[..., Any], by_particle: Sequence[bool]
 ) -> Callable[..., Any]:
-    """`function`, called on every device with its own share of the particles.
+    """Wrap `function` so that every device calls it with its own particles.
 
-    XLA would spread a loop over particles by sending all of their maps to all devices at every step.
+    Without this, XLA shards a loop over particles by sending all maps to all devices at every step.
 
     Args:
-        mesh: the devices; None calls it as it is.
-        function: of arrays; its result has the particles first.
-        by_particle: which of the arguments have them first; the others are whole on every device.
+        mesh: the devices; with None, `function` is returned unchanged.
+        function: takes arrays; the first axis of its result is the particles.
+        by_particle: whether the first axis of each argument is the particles; other arguments are replicated.
     """
     if mesh is None:
         return function

@@ -193,7 +193,7 @@ def test_neither_devices_nor_runs_together_may_be_none(slam, prepared):
     for together in (0, -1):
         with pytest.raises(ValueError, match=f"2 devices, {together} runs together"):
             run_many(slam, prepared, KEYS, together=together)
-    with pytest.raises(ValueError, match="no device to spread the particles over"):
+    with pytest.raises(ValueError, match="no devices to shard the particles over"):
         slam.shard([])
 
 
@@ -262,6 +262,6 @@ def test_a_filter_spread_over_devices_keeps_its_maps_there(slam, prepared):
 
 
 def test_particles_that_cannot_be_shared_out(slam):
-    with pytest.raises(ValueError, match="5 particles cannot be shared out equally over 2 devices: take 6"):
+    with pytest.raises(ValueError, match="5 particles cannot be divided equally over 2 devices: use 6"):
         dataclasses.replace(slam, num_particles=5).shard(jax.devices())
     assert slam.shard(jax.devices()[:1]).mesh is None

@@ -1,4 +1,4 @@
-"""Occupancy grids: where cells lie, what a scan does to them, how far obstacles are."""
+"""Occupancy grids: geometry, scan integration, map windows, distance fields and ray casting."""
 
 from jaxslam.grid.distance import squared_distance
 from jaxslam.grid.field import DistanceField, Field, field_of_map, prepare_field, window_rows

@@ -1,4 +1,4 @@
-"""One number for each cell of a map, summed over the end points of a scan at many poses at once."""
+"""A table of one value per map cell, summed over a scan's end points at many poses at once."""
 
 import equinox as eqx
 import jax
@@ -7,13 +7,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 BORDER = 1
-"""Cells around the map; a look-up outside the map is moved there."""
+"""Width of the border around the map, cells; look-ups outside the map read it."""
 _UNROLL = 5
-"""Beams per trip of the loop: more spill out of the registers."""
+"""Beams per loop iteration; more would exceed the CPU registers."""
 
 
 class CellTable(eqx.Module):
-    """A number for each cell of a map and of a border of one cell, row after row.
+    """Table of one value per cell of a map and its border of one cell, in row-major order.
 
     Attributes:
         values: `[(H + 2) · (W + 2)]`.
@@ -30,12 +30,12 @@ class CellTable(eqx.Module):
     def sum_over_beams(
         self, poses: Float[Array, "N 3"], points: Float[Array, "B 2"], weights: Float[Array, "B"]
     ) -> Float[Array, "N"]:
-        """Return for each pose the weighted sum of the entries where the end points of a scan lie.
+        """Return, for each pose, the weighted sum of the values at the end points of a scan.
 
         Args:
             poses: `[N, 3]` base poses in the frame of the map (m, m, rad).
             points: `[B, 2]` end points in the base frame, meters.
-            weights: `[B]`; 0 leaves a beam out.
+            weights: `[B]`; 0 omits a beam.
         """
         x, y, cos, sin = self._in_cells(poses)
 
@@ -43,19 +43,19 @@ class CellTable(eqx.Module):
             along, left, weight = beam
             return total + weight * self._at(x + cos * along - sin * left, y + sin * along + cos * left), None
 
-        # Beam after beam and all particles at once: the CPU then handles 8 or 16 particles per instruction.
+        # Loop over beams, vectorized over particles: the CPU handles 8 or 16 particles per instruction.
         beams = jnp.concatenate([points / self.resolution, weights[:, None]], axis=-1)
         return jax.lax.scan(add, jnp.zeros_like(x), beams, unroll=_UNROLL)[0]
 
     def sum_over_poses(
         self, poses: Float[Array, "N 3"], points: Float[Array, "B 2"], weights: Float[Array, "N"]
     ) -> Float[Array, "B"]:
-        """Return for each beam the weighted sum over the poses of the entries where its end point lies.
+        """Return, for each beam, the weighted sum over the poses of the values at its end point.
 
         Args:
             poses: `[N, 3]` base poses in the frame of the map (m, m, rad).
             points: `[B, 2]` end points in the base frame, meters.
-            weights: `[N]` of the poses.
+            weights: `[N]`, one per pose.
         """
         x, y, cos, sin = self._in_cells(poses)
 
@@ -66,13 +66,13 @@ class CellTable(eqx.Module):
         return jax.lax.map(total, points / self.resolution)
 
     def _in_cells(self, poses: Float[Array, "N 3"]) -> tuple[Float[Array, "N"], ...]:
-        """Column and row of the poses, not rounded, and cosine and sine of their headings."""
+        """Return the unrounded column and row of the poses, and the cosine and sine of their headings."""
         border = np.float32(BORDER)
         x, y = poses[:, 0] / self.resolution + border, poses[:, 1] / self.resolution + border
         return x, y, jnp.cos(poses[:, 2]), jnp.sin(poses[:, 2])
 
     def _at(self, column: Float[Array, "N"], row: Float[Array, "N"]) -> Float[Array, "N"]:
-        # A point outside the map is moved to its border, and so is a NaN.
+        # Points outside the map and NaNs are moved to the border.
         column = jnp.where(column > 0.0, jnp.minimum(column, np.float32(self.width + BORDER)), 0.0)
         row = jnp.where(row > 0.0, jnp.minimum(row, np.float32(self.height + BORDER)), 0.0)
         index = row.astype(jnp.int32) * (self.width + 2 * BORDER) + column.astype(jnp.int32)

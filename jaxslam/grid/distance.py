@@ -1,4 +1,4 @@
-"""Truncated distance transform of an occupancy window, in integers."""
+"""Truncated distance transforms of occupancy grids."""
 
 import jax
 import jax.numpy as jnp
@@ -7,41 +7,42 @@ from jaxtyping import Array, Bool, Float, Int, Int8, UInt8
 from jaxslam.xla.materialize import materialize
 
 MAX_RADIUS = 10
-"""Largest radius in cells whose squares fit a byte: (r² + 1) + r² ≤ 255."""
+"""Largest radius in cells for which sums of squares fit a byte: (r² + 1) + r² ≤ 255."""
 
 
 def squared_distance(occupied: Bool[Array, "H W"], radius: int) -> UInt8[Array, "H W"]:
-    """Squared Euclidean distance in cells to the nearest occupied cell, truncated to `radius² + 1`.
+    """Return the squared Euclidean distance in cells to the nearest occupied cell, at most `radius² + 1`.
 
     Example:
-        One occupied cell and `radius=2`: 0 there, 1 beside it, 2 across the corner, 4 two cells away, else 5.
+        With one occupied cell and `radius=2`: 0 in it, 1 beside it, 2 diagonally, 4 two cells away, else 5.
     """
     height, width = occupied.shape
-    # Empty columns between the rows keep a flat shift from reaching into the neighboring row.
+    # Empty columns prevent a shift of the flat array from reading the neighboring row.
     padded = jnp.pad(occupied, ((margin_rows(radius),) * 2, (0, radius))).astype(jnp.int8)
     return squared_distance_flat(padded, jnp.int8(0), radius).reshape(height, width + radius)[:, :width]
 
 
 def margin_rows(radius: int) -> int:
-    """Rows above and below that `squared_distance_flat` reads and does not return."""
+    """Return the number of rows above and below that `squared_distance_flat` reads but does not return."""
     return radius + 1
 
 
 def squared_distance_flat(
     cells: Int8[Array, "H W"], occupied_above: Int8[Array, ""], radius: int
 ) -> UInt8[Array, "cells"]:
-    """As `squared_distance`, row after row, and cheaper: wrong within `radius` columns of the sides.
+    """Return `squared_distance` in row-major order, faster but wrong within `radius` columns of the sides.
 
-    There a distance may be taken to the neighboring row's other end. The first and last
-    `margin_rows(radius)` rows are read only; the result has the others. For that the whole transform is
-    `4 · radius` shifted reads of flat arrays and compiles to a few vector instructions per cell.
+    Near the sides, the nearest obstacle may be one at the other end of a neighboring row. The first and last
+    `margin_rows(radius)` rows are read but not returned. In exchange, the whole transform is `4 · radius`
+    shifted reads of flat arrays and compiles to a few vector instructions per cell.
 
-    Separable min-plus (lower envelope of parabolas), along the rows and then along the columns.
+    The transform is a separable min-plus convolution (lower envelope of parabolas), first along the rows and
+    then along the columns.
 
     Args:
-        cells: `[H, W]`, those over `occupied_above` are occupied.
-        occupied_above: see there.
-        radius: of the truncation, cells (static).
+        cells: `[H, W]` occupancy values.
+        occupied_above: cells with a larger value are occupied.
+        radius: truncation radius, cells (static).
     """
     if not 1 <= radius <= MAX_RADIUS:
         raise ValueError(f"radius is {radius} cells: choose 1 to {MAX_RADIUS}")
@@ -58,7 +59,7 @@ def squared_distance_flat(
     def along_columns(rows: UInt8[Array, "rows"]) -> UInt8[Array, "cells"]:
         return _lower_envelope(rows, rows.shape[0] - 2 * radius * width, radius, stride=width)
 
-    # Each once: fused, one would be computed anew for every shift of the next.
+    # Without materialization, XLA fuses the passes and recomputes each one for every shift of the next.
     seeds = materialize(seed, (cells, occupied_above))
     return materialize(along_columns, materialize(along_rows, seeds))
 
@@ -78,17 +79,17 @@ def _lower_envelope(values: UInt8[Array, "n"], size: int, radius: int, stride: i
 
 
 def distance_to_nearest(occupied: Bool[Array, "H W"], reach: Int[Array, ""] | int) -> Float[Array, "H W"]:
-    """Euclidean distance in cells to the nearest occupied cell of a whole map, at most `reach`.
+    """Return the Euclidean distance in cells to the nearest occupied cell of a whole map, at most `reach`.
 
-    Along the rows first, exactly, then over the rows within reach: cheap enough to be done once per map,
-    and with no bound on the distance but the caller's.
+    The exact distance along each row comes first, then a loop over the rows within `reach`. Run it once per
+    map: its cost grows with `reach`, which has no upper bound.
 
     Args:
         occupied: `[H, W]`.
-        reach: cells; traced.
+        reach: largest distance, cells (may be traced).
 
     Example:
-        One occupied cell and `reach=5`: 0 there, 1 beside it, 1.414 across the corner, 5 far away.
+        With one occupied cell and `reach=5`: 0 in it, 1 beside it, 1.414 diagonally, 5 far away.
     """
     height, width = occupied.shape
     far = jnp.float32(height + width)

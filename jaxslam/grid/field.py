@@ -1,4 +1,4 @@
-"""The prepared map: distance to the nearest obstacle, at the map's resolution and coarser."""
+"""Distance fields: the distance to the nearest obstacle at the map's resolution and at a coarser one."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,18 +10,18 @@ from jaxslam.lidar.beams import ScanPoints, inlier_ratio
 from jaxslam.xla.materialize import materialize
 
 COARSE_FACTOR = 4
-"""Cells of the map along one side of a coarse cell."""
+"""Side of a coarse cell, in cells of the map."""
 COARSE_RADIUS = 5
 """Truncation radius of the coarse level, in coarse cells: 1 m at 5 cm cells."""
 
 
 class DistanceField(eqx.Module):
-    """Truncated squared distance to the nearest occupied cell, row after row.
+    """Truncated squared distance to the nearest occupied cell, in row-major order.
 
     Attributes:
-        pairs: `[height · width]` squared cells, at most `radius² + 1`: a cell's own in the low byte and its
-            right neighbor's in the high one, so that interpolation takes two look-ups and not four. The
-            highest bit of each byte tells that nobody has seen the cell yet.
+        pairs: `[height · width]` squared distances in cells, at most `radius² + 1`. The low byte holds the
+            cell, the high byte its right neighbor, so that interpolation needs two look-ups instead of four.
+            The highest bit of each byte marks a cell that has not been seen yet.
         origin: `[2]` world position of the lower-left corner, meters.
         resolution: side of a cell, meters.
         height: rows (static).
@@ -37,11 +37,11 @@ class DistanceField(eqx.Module):
     radius: int = eqx.field(static=True)
 
     def squared_distance(self, points: Float[Array, "B 2"]) -> Float[Array, "B"]:
-        """Squared distance in m² from the cells that hold the points; truncated off the field."""
+        """Return the squared distance in m² of the cell that contains each point; truncated off the field."""
         return self.look_up(points)[0]
 
     def look_up(self, points: Float[Array, "B 2"]) -> tuple[Float[Array, "B"], Bool[Array, "B"]]:
-        """Squared distance in m² at the points, and which lie in space not yet seen, off any obstacle."""
+        """Return squared distances in m², and which points lie in unseen space away from all obstacles."""
         scale = 1.0 / self.resolution
         column = jnp.floor((points[:, 0] - self.origin[0]) * scale).astype(jnp.int32)
         row = jnp.floor((points[:, 1] - self.origin[1]) * scale).astype(jnp.int32)
@@ -53,11 +53,11 @@ class DistanceField(eqx.Module):
         return squared_cells * self.resolution * self.resolution, unseen
 
     def inlier_ratio(self, ends: ScanPoints, pose: Float[Array, "3"]) -> Float[Array, ""]:
-        """Return the share of the valid beams that end near an obstacle or in space not yet seen.
+        """Return the fraction of valid beams that end near an obstacle or in unseen space.
 
         Args:
             ends: the scan, base frame.
-            pose: `[3]` of the base (m, m, rad, world frame).
+            pose: `[3]` base pose (m, m, rad, world frame).
         """
         squared, unseen = self.look_up(se2.apply(pose, ends.points))
         return inlier_ratio(unseen | (squared < (self.radius * self.resolution) ** 2), ends.valid)
@@ -69,19 +69,19 @@ class DistanceField(eqx.Module):
     def across(
         self, points: Float[Array, "B 2"], normals: Float[Array, "B 2"]
     ) -> tuple[Float[Array, "B"], Float[Array, "B"], Float[Array, "B 2"]]:
-        """How far the points lie from the nearest obstacle, across the walls that they belong to.
+        """Return the distance of points from the nearest obstacle, measured along the wall normals.
 
-        Past the end of a wall that the map does not know yet, the nearest obstacle lies along the wall and
-        would draw the scan back; across it, there is nothing to correct.
+        Where a wall continues past its mapped end, the nearest obstacle lies along the wall and would pull
+        the scan back. The distance along the normal avoids this error.
 
         Args:
             points: `[B, 2]` meters, world frame.
-            normals: `[B, 2]` unit vectors across the walls, world frame; zero where not known.
+            normals: `[B, 2]` unit normals of the walls, world frame; zero where unknown.
 
         Returns:
-            Distance `[B]`, signed distance across `[B]` and the direction `[B, 2]` in which the latter grows
-            by its own length: the normal, or where that is not known the way from the obstacle. In cells,
-            interpolated between cell centers.
+            Distance `[B]`, signed distance along the normal `[B]`, and the gradient `[B, 2]` of the signed
+            distance: the normal, or the gradient of the distance where the normal is unknown. Units are
+            cells, interpolated between cell centers.
         """
         distance, slope_x, slope_y = self._interpolate(points[:, 0], points[:, 1])
         x, y = normals[:, 0], normals[:, 1]
@@ -93,7 +93,7 @@ class DistanceField(eqx.Module):
     def _interpolate(
         self, x: Float[Array, "B"], y: Float[Array, "B"]
     ) -> tuple[Float[Array, "B"], Float[Array, "B"], Float[Array, "B"]]:
-        """Distance in cells and its slopes (cells per cell) at the points, bilinear between cell centers."""
+        """Return distances in cells and their slopes (cells per cell), bilinear between cell centers."""
         squared, along, up = self.corners(x, y)
         lower_left, lower_right, upper_left, upper_right = (jnp.sqrt(d) for d in squared)
         slope_lower, slope_upper = lower_right - lower_left, upper_right - upper_left
@@ -105,11 +105,11 @@ class DistanceField(eqx.Module):
     def corners(
         self, x: Float[Array, "B"], y: Float[Array, "B"]
     ) -> tuple[tuple[Float[Array, "B"], ...], Float[Array, "B"], Float[Array, "B"]]:
-        """Squared distances in cells² at the four cell centers around each point.
+        """Return the squared distances in cells² at the four cell centers around each point.
 
         Returns:
-            Lower left, lower right, upper left and upper right `[B]`, then how far between them the point
-            lies along x and along y, 0 to 1. Points off the field are moved to its edge.
+            Lower left, lower right, upper left and upper right `[B]`, then the point's fractional position
+            between them along x and along y, 0 to 1. Points off the field are moved to its edge.
         """
         scale = 1.0 / self.resolution
         column = jnp.clip((x - self.origin[0]) * scale - 0.5, 0.0, self.width - 1.01)
@@ -127,11 +127,11 @@ class DistanceField(eqx.Module):
 
 
 class Field(eqx.Module):
-    """A map window prepared for scoring and matching.
+    """Distance fields of a map window, for scoring and matching.
 
     Attributes:
-        fine: distances at the map's own resolution.
-        coarse: distances over `COARSE_FACTOR` times larger cells: a wider basin for the matcher.
+        fine: distances at the map's resolution.
+        coarse: distances over `COARSE_FACTOR` times larger cells, which widen the matcher's basin.
     """
 
     fine: DistanceField
@@ -139,7 +139,7 @@ class Field(eqx.Module):
 
 
 def window_rows(size: int, radius: int) -> int:
-    """Rows that a window of `size` columns must have to be prepared: the field's and its margins."""
+    """Return the rows that `prepare_field` needs for `size` columns: those of the field plus its margins."""
     return size + 2 * margin_rows(radius)
 
 
@@ -150,14 +150,14 @@ def prepare_field(
     resolution: Float[Array, ""],
     radius: int,
 ) -> Field:
-    """Distance fields of a window of `window_rows` rows.
+    """Build the distance fields of a window of `window_rows` rows.
 
     Args:
-        window: log-odds in fixed point; 0 where nothing is known.
-        occupied_above: cells over this are obstacles.
+        window: fixed-point log-odds; 0 where unseen.
+        occupied_above: cells with larger log-odds are obstacles.
         origin: `[2]` world position of the window's lower-left corner, meters.
         resolution: side of a cell, meters.
-        radius: truncation of the fine level, cells (static).
+        radius: truncation radius of the fine level, cells (static).
     """
     rows, size = window.shape
     margin = margin_rows(radius)
@@ -181,9 +181,9 @@ def prepare_field(
 
 
 def _coarsen(fine: UInt8[Array, "H W"]) -> UInt8[Array, "cells"]:
-    """Squared distances in coarse cells, from every fourth row and column of the fine ones.
+    """Return squared distances in coarse cells, from every fourth row and column of the fine level.
 
-    No obstacle is missed: none is farther than half a coarse diagonal, 2.8 cells, from one of them.
+    No obstacle is missed, because each lies within half a coarse diagonal (2.8 cells) of a sampled cell.
     """
     center = COARSE_FACTOR // 2
     sampled = fine[center::COARSE_FACTOR, center::COARSE_FACTOR]
@@ -193,9 +193,9 @@ def _coarsen(fine: UInt8[Array, "H W"]) -> UInt8[Array, "cells"]:
 
 
 def _pairs(squared: UInt8[Array, "cells"], window: Int8[Array, "H W"], margin: int) -> UInt16[Array, "cells"]:
-    """Each cell with its right neighbor, marked where the window, off its outer `margin` rows, is unseen.
+    """Pack each cell with its right neighbor; mark unseen cells of the window without `margin` outer rows.
 
-    The last cell of a row gets the next row's first, which no point uses.
+    The last cell of a row is paired with the first cell of the next row, which no look-up uses.
     """
 
     def pack(cells: tuple[UInt8[Array, "cells"], Int8[Array, "H W"]]) -> UInt16[Array, "cells"]:
@@ -213,10 +213,10 @@ def field_of_map(
     resolution: Float[Array, ""],
     radius: int,
 ) -> Field:
-    """Distance fields of a map of any size, right up to its edges and as far beyond as they reach.
+    """Build the distance fields of a map of any size, valid up to its edges and their whole reach beyond.
 
-    Free space is put around the map: `prepare_field` gives up some columns and rows at its sides, wants whole
-    coarse cells, and a point just off the map is still near the map's last obstacle.
+    The map is padded with free space for three reasons: `prepare_field` loses some columns and rows at the
+    sides, it needs whole coarse cells, and a point just off the map can still be near an obstacle.
 
     Args:
         occupied: `[H, W]`, row 0 the lowest y.
@@ -225,18 +225,18 @@ def field_of_map(
         radius: truncation radius, cells, 1 to 10 (static).
 
     Raises:
-        ValueError: for a radius out of bounds.
+        ValueError: the radius is out of bounds.
     """
     height, width = occupied.shape
-    # The coarse level reaches farther than the largest radius of the fine one.
+    # The coarse level reaches farther than the largest radius of the fine level.
     reach = COARSE_RADIUS * COARSE_FACTOR
-    # Columns twice: those that are asked about, and those that `DistanceField` gives up.
+    # Twice the columns: once for look-ups off the map, once for the columns that `DistanceField` ignores.
     left, below = 2 * reach, reach
     right = left + -width % COARSE_FACTOR
     above = below + -height % COARSE_FACTOR
     margin = margin_rows(radius)
     padded = jnp.pad(occupied, ((below + margin, above + margin), (left, right)))
-    # A complete map: no cell is unseen.
+    # The map is complete: no cell is unseen.
     log_odds = jnp.where(padded, jnp.int8(1), jnp.int8(-1))
     corner = origin - resolution * jnp.asarray([left, below + margin], jnp.float32)
     return prepare_field(log_odds, jnp.int8(0), corner, resolution, radius)

@@ -1,4 +1,4 @@
-"""A given map: its obstacles, the distance of each cell to them, and the cells where a robot can be."""
+"""A known map: its obstacles, the distance from each cell to the nearest, and its free cells."""
 
 import equinox as eqx
 import jax
@@ -14,18 +14,18 @@ from jaxslam.io.map_server import OccupancyMap
 
 
 class KnownMap(eqx.Module):
-    """A map to localize in; made once, by `from_map`.
+    """Known map to localize in, created once by `from_map`.
 
-    Its cells lie along the map frame, which `origin` puts into the world, turned or not.
+    Its cells are aligned with the map frame; `origin` is the pose of this frame in the world.
 
     Attributes:
         occupied: `[H, W]`, row 0 the lowest y of the map frame.
-        distance: `[H + 2, W + 2]` from a cell's center to the nearest obstacle's, meters, at most
-            `max_distance`; with a border of one cell at `max_distance`.
-        free: `[M]` row-major indices of the cells that a robot can stand in, ascending.
+        distance: `[H + 2, W + 2]` from a cell's center to that of the nearest obstacle, meters, at most
+            `max_distance`; includes a border of one cell at `max_distance`.
+        free: `[M]` row-major indices of the free cells, ascending.
         resolution: side of a cell, meters.
         origin: `[3]` pose of the outer corner of cell (0, 0) in the world (m, m, rad).
-        max_distance: truncation, meters.
+        max_distance: truncation distance, meters.
     """
 
     occupied: Bool[Array, "H W"]
@@ -37,14 +37,14 @@ class KnownMap(eqx.Module):
 
     @classmethod
     def from_map(cls, occupancy: OccupancyMap, max_distance: float = 2.0) -> "KnownMap":
-        """Prepares a map: its distances and its free cells.
+        """Compute the distances and free cells of a map.
 
         Args:
-            occupancy: as `jaxslam.io.read_map` gives it.
-            max_distance: end points farther than this from any obstacle are all alike, meters.
+            occupancy: map from `jaxslam.io.read_map`.
+            max_distance: distance at which `distance` is truncated, meters.
 
         Raises:
-            ValueError: there is no obstacle or no free space in it.
+            ValueError: the map has no obstacle or no free space.
         """
         size = f"{occupancy.occupied.shape[1]} × {occupancy.occupied.shape[0]} cells"
         if not occupancy.occupied.any():
@@ -57,7 +57,7 @@ class KnownMap(eqx.Module):
                 "its thresholds and negate"
             )
         occupied = jnp.asarray(occupancy.occupied)
-        # Nothing is farther than the map is large.
+        # No distance exceeds the size of the map.
         reach = int(min(np.ceil(max_distance / occupancy.resolution), sum(occupancy.occupied.shape)))
         distance = jax.jit(distance_to_nearest)(occupied, reach) * jnp.float32(occupancy.resolution)
         return cls(
@@ -73,12 +73,12 @@ class KnownMap(eqx.Module):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns, the border apart."""
+        """Return the rows and columns without the border."""
         height, width = self.occupied.shape
         return height, width
 
     def draw_free(self, key: PRNGKeyArray, count: int) -> Float[Array, "count 3"]:
-        """Poses `[count, 3]` (m, m, rad, world frame), uniform over the free space and all headings."""
+        """Draw poses `[count, 3]` (m, m, rad, world frame) uniformly over free space and all headings."""
         key_cell, key_within, key_heading = jax.random.split(key, 3)
         chosen = self.free[jax.random.randint(key_cell, (count,), 0, self.free.shape[0])]
         cells = jnp.stack([chosen % self.shape[1], chosen // self.shape[1]], axis=-1).astype(jnp.float32)
@@ -87,16 +87,16 @@ class KnownMap(eqx.Module):
         return jax.vmap(se2.compose, (None, 0))(self.origin, jnp.concatenate([points, heading], axis=-1))
 
     def to_map(self, poses: Float[Array, "N 3"]) -> Float[Array, "N 3"]:
-        """Return world poses `[N, 3]` in the frame of the map (m, m, rad)."""
+        """Return world poses `[N, 3]` in the map frame (m, m, rad)."""
         return jax.vmap(se2.relative, (None, 0))(self.origin, poses)
 
     def to_cells(self, poses: Float[Array, "N 3"]) -> Float[Array, "N 3"]:
-        """Return world poses `[N, 3]` as column and row, not rounded, and heading in the map (rad)."""
+        """Return world poses `[N, 3]` as unrounded column and row, and heading in the map frame (rad)."""
         local = self.to_map(poses)
         return jnp.concatenate([local[:, :2] / self.resolution, local[:, 2:]], axis=-1)
 
     def field(self) -> Field:
-        """Return the distance field of the whole map, in the frame of the map."""
+        """Return the distance fields of the whole map, in the map frame."""
         return field_of_map(self.occupied, jnp.zeros(2, jnp.float32), self.resolution, MAX_RADIUS)
 
     def table(self, values: Float[Array, "height width"]) -> CellTable:
@@ -106,11 +106,11 @@ class KnownMap(eqx.Module):
 
     def near_obstacles(self, near: float | Float[Array, ""]) -> CellTable:
         """Return a table with 1 in the cells within `near` meters of an obstacle, and 0 elsewhere."""
-        # `distance` is truncated at `max_distance`, which stands for every larger distance.
+        # A `distance` truncated at `max_distance` represents every larger distance.
         return self.table((self.distance < jnp.minimum(near, self.max_distance)).astype(jnp.float32))
 
     def is_free(self, pose: Float[Array, "3"]) -> Bool[Array, ""]:
-        """Whether a pose `[3]` (world frame) lies in a free cell of the map."""
+        """Return whether a pose `[3]` (world frame) lies in a free cell of the map."""
         column, row = jnp.floor(self.to_cells(pose[None])[0, :2]).astype(jnp.int32)
         inside = (column >= 0) & (column < self.shape[1]) & (row >= 0) & (row < self.shape[0])
         return inside & jnp.any(self.free == row * self.shape[1] + column)

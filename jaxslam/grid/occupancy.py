@@ -1,7 +1,7 @@
 """Log-odds occupancy in int8, and the integration of a scan into a map window.
 
-Log-odds are stored in fixed point, `LOG_ODDS_PER_UNIT` per unit: a map cell is one byte, and the gathers
-of a filter, which are what it spends its time on, stay in cache.
+Log-odds are stored in fixed point, `LOG_ODDS_PER_UNIT` per unit. A map cell is one byte, so that gathers, on
+which a filter spends most of its time, stay in cache.
 """
 
 import equinox as eqx
@@ -15,23 +15,23 @@ from jaxslam.xla.materialize import materialize
 
 LOG_ODDS_PER_UNIT = 0.15
 _LARGEST = 19.0
-"""Log-odds that fit a byte."""
+"""Largest log-odds that fit a byte."""
 NUM_BEARINGS = 2048
 """Entries of a scan's range table. At 16 m one entry subtends one 5 cm cell. A power of two."""
 
 
 class OccupancyModel(eqx.Module):
-    """Inverse sensor model, mine (5)–(7): what one scan adds to the log-odds of a cell.
+    """Inverse sensor model (Yang et al. 2019, equations 5 to 7): the change of a cell's log-odds by one scan.
 
     Attributes:
-        hit: added where a beam ended, natural log-odds.
-        miss: added where a beam passed, natural log-odds (negative). A ninth of `hit`: a cell stays an
-            obstacle while a tenth of the beams that reach it end there, since those that graze a wall or
-            are a little off their way wipe out what they pass.
-        limit: log-odds are clamped to ±limit, so that a map can still change its mind; ≤ 19.
-        occupied_above: cells over this are obstacles to the matcher and the sensor model, log-odds.
-        thinning_ratio: if they also have this share of the log-odds of the strongest cell near them, 0 to 1;
-            see `jaxslam.grid.walls`. 0 takes them all.
+        hit: natural log-odds added where a beam ended.
+        miss: natural log-odds added where a beam passed (negative). The default is a ninth of `hit`, because
+            beams that graze a wall or are slightly misaligned erase it: a cell stays an obstacle as long as a
+            tenth of the beams that reach it end there.
+        limit: log-odds are clamped to ±limit, so that the map can still change; ≤ 19.
+        occupied_above: log-odds above which a cell is an obstacle for the matcher and the sensor model.
+        thinning_ratio: an obstacle must also have at least this fraction of the log-odds of its strongest
+            neighbor, 0 to 1; see `jaxslam.grid.walls`. 0 keeps all obstacles.
     """
 
     hit: float | Float[Array, ""] = 2.7
@@ -46,37 +46,37 @@ class OccupancyModel(eqx.Module):
         bounds["thinning_ratio"] = (0.0, 1.0)
         for name, (low, high) in bounds.items():
             value = getattr(self, name)
-            # A traced value cannot be looked at.
+            # The value of a traced array is unknown.
             if isinstance(value, int | float) and not low <= value <= high:
                 raise ValueError(f"OccupancyModel: {name} is {value}, must be {low:g} to {high:g}")
 
 
 def quantize(log_odds: float | Float[Array, ""]) -> Int8[Array, ""]:
-    """Natural log-odds in the fixed point of the maps."""
+    """Convert natural log-odds to the fixed-point format of the maps."""
     return jnp.clip(jnp.round(jnp.asarray(log_odds) / LOG_ODDS_PER_UNIT), -127, 127).astype(jnp.int8)
 
 
 def probability(maps: Int8[Array, "*shape"]) -> Float[Array, "*shape"]:
-    """Occupancy probability of log-odds cells; ½ where nothing is known."""
+    """Return the occupancy probability of fixed-point log-odds; ½ where unseen."""
     return jax.nn.sigmoid(maps.astype(jnp.float32) * LOG_ODDS_PER_UNIT)
 
 
 class RangeTable(eqx.Module):
-    """A scan by bearing: how far the beams around each bearing saw free space.
+    """Table of the free range of a scan over bearing.
 
     Attributes:
-        free_until: `[NUM_BEARINGS]` half cells; 0 where nothing is known. Entry `k` is at the angle
-            `2πk / NUM_BEARINGS` in the lidar frame.
+        free_until: `[NUM_BEARINGS]` range up to which space is free, half cells; 0 where unknown. Entry `k`
+            is at the angle `2πk / NUM_BEARINGS` in the lidar frame.
     """
 
     free_until: Int16[Array, "n"]
 
 
 class CellsFromLidar(eqx.Module):
-    """Where the cells of a window lie from the cell of its lidar.
+    """Bearings and distances of the cells of a window, from the cell of the lidar.
 
     Attributes:
-        bearing: `[S, S]` entry of a `RangeTable`, modulo its length.
+        bearing: `[S, S]` index into a `RangeTable`, modulo its length.
         distance: `[S, S]` half cells, rounded up.
     """
 
@@ -85,15 +85,14 @@ class CellsFromLidar(eqx.Module):
 
 
 def range_table(scan: LidarScan, resolution: Float[Array, ""], max_cells: int) -> RangeTable:
-    """Tabulates a scan over bearing, once for all particles.
+    """Tabulate a scan over bearing, once for all particles.
 
-    Between two beams the shorter range counts: along a wall seen at a grazing angle the longer one would
-    carve into it.
+    Between two beams, the shorter range is used: at a grazing angle, the longer would carve into the wall.
     """
 
     def tabulate(scan: LidarScan) -> Int16[Array, "n"]:
         position = _position_among_beams(scan)
-        # Nearer to beam 0 from behind than to the last one.
+        # Within half a beam before beam 0, the nearest beam is beam 0, not the last one.
         behind = position >= 2 * jnp.pi / jnp.abs(scan.angle_increment) - 0.5
         nearest = _reach(scan, jnp.where(behind, 0.0, jnp.round(position)))
         below, above = _reach(scan, jnp.floor(position)), _reach(scan, jnp.ceil(position))
@@ -105,16 +104,16 @@ def range_table(scan: LidarScan, resolution: Float[Array, ""], max_cells: int) -
 
 
 def _position_among_beams(scan: LidarScan) -> Float[Array, "n"]:
-    """Where each bearing of the table falls among the beams: in beams, from 0 to those of a whole turn."""
+    """Return the fractional beam index of each table bearing, from 0 to the beams of a full turn."""
     bearing = jnp.arange(NUM_BEARINGS, dtype=jnp.float32) * (2 * np.pi / NUM_BEARINGS)
     direction, spacing = jnp.sign(scan.angle_increment), jnp.abs(scan.angle_increment)
     return jnp.mod((bearing - scan.angle_min) * direction, 2 * jnp.pi) / spacing
 
 
 def _reach(scan: LidarScan, beam: Float[Array, "n"]) -> Float[Array, "n"]:
-    """Range of the beams with the given indices; 0 where there is none or it did not return."""
-    # A whole turn behind beam 0 is beam 0 again: a lidar that sees all round has no gap there.
-    # A quarter beam of tolerance: increments are often rounded.
+    """Return the range of the beams with the given indices; 0 if there is no such beam or no return."""
+    # After a full turn comes beam 0 again, so that a 360° lidar has no gap there. The tolerance of a quarter
+    # beam is needed because angle increments are often rounded.
     whole_turn = jnp.ceil(2 * jnp.pi / jnp.abs(scan.angle_increment) - 0.25).astype(jnp.int32)
     index = jnp.mod(beam.astype(jnp.int32), whole_turn)
     inside = index < scan.num_beams
@@ -131,28 +130,28 @@ def add_scan(
     valid: Bool[Array, "B"],
     heading: Float[Array, ""],
 ) -> Int8[Array, "S S"]:
-    """Adds one scan to a map window.
+    """Add one scan to a map window.
 
-    Every cell looks itself up in the scan's table and changes at most once, so the cost is that of the
-    window and not of the beams. Hits are placed exactly; free space ends one cell before them, which
-    covers that bearings are seen from the center of the lidar's cell and not from the lidar.
+    Each cell reads the table of the scan once and changes at most once, so the cost depends on the size of
+    the window, not on the number of beams. Hits are placed exactly. Free space ends one cell before them,
+    because bearings are relative to the center of the lidar's cell instead of the lidar.
 
     Args:
         model: log-odds to add.
         window: `[S, S]` fixed-point log-odds.
-        table: the scan by bearing.
-        cells: where the window's cells lie from the lidar.
+        table: the scan, tabulated over bearing.
+        cells: bearings and distances of the window's cells from the lidar.
         hits: `[B, 2]` (row, column) of the beams' end points in the window.
-        valid: `[B]` which of them count.
-        heading: of the lidar in the world, radians.
+        valid: `[B]` whether each end point counts.
+        heading: heading of the lidar in the world, radians.
     """
     size = window.shape[0]
     shift = jnp.round(heading * (NUM_BEARINGS / (2 * np.pi))).astype(jnp.int16)
-    # Two's complement: the mask takes negative differences to the right entry as well.
+    # In two's complement, the mask also maps negative differences to the correct entry.
     index = (cells.bearing - shift) & jnp.int16(NUM_BEARINGS - 1)
     free_until = table.free_until.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
     free = cells.distance + jnp.int16(2) <= free_until
-    # An index past the end is dropped; one before the beginning would wrap round.
+    # An index past the end is dropped, but a negative one would wrap around.
     row = jnp.where(valid & jnp.all(hits >= 0, axis=1), hits[:, 0], size)
     before = window.at[row, hits[:, 1]].get(mode="fill", fill_value=0)
     cleared = _add(model, window, jnp.where(free, quantize(model.miss), jnp.int8(0)))
@@ -168,7 +167,7 @@ def _add(
 
 
 def cells_from_lidar(size: int, shift: Int[Array, "2"]) -> CellsFromLidar:
-    """Where the cells of a window lie from its lidar, once for all particles.
+    """Compute bearings and distances of a window's cells from its lidar, once for all particles.
 
     Args:
         size: cells along a side (static).

@@ -1,4 +1,4 @@
-"""Expected ranges: casting beams into a distance field."""
+"""Expected ranges by ray casting in a distance field."""
 
 import jax
 import jax.numpy as jnp
@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxslam.grid.field import DistanceField
 
 _NUDGE = 1e-3
-"""Cells by which a step goes over a cell's side: more than float32 loses on maps of 8000 cells."""
+"""Overshoot of a step past a cell boundary, cells; exceeds the float32 error on maps of 8000 cells."""
 
 
 def cast(
@@ -17,30 +17,31 @@ def cast(
     angles: Float[Array, "B"],
     max_range: float | Float[Array, ""],
 ) -> Float[Array, "B"]:
-    """Distance from a lidar to where each beam enters the first occupied cell.
+    """Return the distance from a lidar to the point where each beam enters the first occupied cell.
 
-    Sphere tracing: far from obstacles a step is as long as the field says is free, near them it goes to the
-    next cell along the beam, so that no cell is skipped (but for corners cut by less than a thousandth of
-    a cell). All beams step together until the last has ended, at most once per cell that a line can cross.
+    This is sphere tracing: far from obstacles, a step covers the free distance given by the field. Near
+    obstacles, it goes to the next cell along the beam, so that no cell is skipped (except corners cut by less
+    than a thousandth of a cell). All beams step together until the last one ends, in at most as many steps
+    as a line can cross cells.
 
     Args:
-        field: of the map. Its outermost `radius` columns on either side are not seen (`DistanceField`).
-        pose_lidar: `[3]` pose of the lidar in the world: m, m, rad.
+        field: distance field of the map; its outermost `radius` columns on either side are ignored.
+        pose_lidar: `[3]` pose of the lidar in the world (m, m, rad).
         angles: `[B]` directions in the lidar frame, radians.
         max_range: meters.
 
     Returns:
-        `[B]` meters, 0 where the lidar stands in an occupied cell, and `max_range` where a beam reaches
-        that far or leaves the field without a hit.
+        `[B]` meters; 0 if the lidar is in an occupied cell, `max_range` without a hit in range and field.
 
     Example:
-        1 m cells, the lidar in the center of a cell, the third cell to its right occupied: 2.5 at angle 0.
+        With 1 m cells, the lidar in the center of a cell and the third cell to its right occupied, the range
+        is 2.5 at angle 0.
     """
     scale = 1.0 / field.resolution
     heading = pose_lidar[2] + angles
     direction = jnp.stack([jnp.cos(heading), jnp.sin(heading)], axis=-1)
     forward = direction > 0
-    # A beam along an axis never crosses the cells' sides along the other; 1e-9 stands for a step of "never".
+    # A beam parallel to an axis never crosses boundaries along the other one; 1e-9 makes that step very long.
     speed = jnp.maximum(jnp.abs(direction), 1e-9)
     first = (pose_lidar[:2] - field.origin) * scale
     reach = max_range * scale
@@ -64,7 +65,7 @@ def cast(
         squared = _squared_cells(field, corner)
         to_side = jnp.where(forward, corner + 1.0 - cells, cells - corner)
         to_next_cell = jnp.min((to_side + _NUDGE) / speed, axis=-1)
-        # Of the distance between centers, both cells may take half a diagonal.
+        # The distance is between cell centers: subtract half a diagonal for each of the two cells.
         step = jnp.maximum(jnp.sqrt(squared) - np.float32(np.sqrt(2.0)), to_next_cell)
         off_field = jnp.any((cells < 0) | (cells >= size[None, :]), axis=-1)
         hit = hit | (~done & (squared == 0))
@@ -76,7 +77,7 @@ def cast(
     travelled, hit, _, _ = jax.lax.while_loop(
         unfinished, advance, (start, none, none, jnp.zeros((), jnp.int32))
     )
-    # The last step may have gone some way into the cell: back to the later of the two sides it entered by.
+    # The last step may end inside the cell: go back to its entry, the later of the two boundary crossings.
     corner = jnp.floor(cells_at(travelled))
     to_entry = jnp.where(forward, corner - first[None, :], first[None, :] - corner - 1.0) / speed
     entered = jnp.maximum(jnp.max(to_entry, axis=-1), 0.0)
@@ -84,6 +85,6 @@ def cast(
 
 
 def _squared_cells(field: DistanceField, corner: Float[Array, "B 2"]) -> Float[Array, "B"]:
-    """Squared distances in cells² of whole (column, row), looked up at their centers, safe from rounding."""
+    """Return squared distances in cells² of integer (column, row), read at cell centers to avoid rounding."""
     centers = (corner + 0.5) * field.resolution + field.origin[None, :]
     return field.squared_distance(centers) / field.resolution**2

@@ -1,4 +1,4 @@
-"""Where the cells of a grid lie in the world."""
+"""Placement of a grid map in the world."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -25,7 +25,7 @@ class GridSpec(eqx.Module):
     def covering(
         cls, lower: Float[np.ndarray, "2"], upper: Float[np.ndarray, "2"], resolution: float
     ) -> "GridSpec":
-        """The smallest grid of whole cells that covers the box from `lower` to `upper` (meters)."""
+        """Return the smallest grid of whole cells that covers the box from `lower` to `upper` (meters)."""
         cells = np.maximum(np.ceil((np.asarray(upper) - lower) / resolution), 1).astype(int)
         return cls(
             resolution=jnp.asarray(resolution, jnp.float32),
@@ -35,10 +35,10 @@ class GridSpec(eqx.Module):
         )
 
     def cells(self, points: Float[Array, "*points 2"]) -> Float[Array, "*points 2"]:
-        """World points `[..., 2]` in continuous cell units: (column, row), cell (0, 0) spans [0, 1)²."""
+        """Return world points `[..., 2]` as fractional (column, row); cell (0, 0) spans [0, 1)²."""
         return (points - jnp.broadcast_to(self.origin, points.shape)) / self.resolution
 
     def contains(self, cells: Int[Array, "*points 2"]) -> Bool[Array, "*points"]:
-        """Whether integer (column, row) pairs lie on the grid."""
+        """Return whether integer (column, row) pairs lie on the grid."""
         column, row = cells[..., 0], cells[..., 1]
         return (column >= 0) & (column < self.width) & (row >= 0) & (row < self.height)

@@ -1,4 +1,4 @@
-"""Which cells of a map are obstacles: those that stand out from their neighbors."""
+"""Thinning of walls by non-maximum suppression."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Int8, Int16
@@ -7,27 +7,26 @@ from jaxslam.grid.occupancy import OccupancyModel
 from jaxslam.xla.materialize import materialize
 
 NEIGHBORS = 2
-"""How far a stronger cell takes the wall from a weaker one, cells along each axis."""
+"""Distance within which a stronger cell suppresses a weaker one, cells along each axis."""
 _FIXED = 64
-"""Shares are counted in so many parts: 127 times as much fits 16 bits."""
+"""Fixed-point units per 1 of the thinning ratio; 127 times this value fits 16 bits."""
 
 
 def thin_walls(model: OccupancyModel, window: Int8[Array, "rows size"]) -> Int8[Array, "rows size"]:
-    """The log-odds of a window, but −1 where a neighbor has so much more that the wall is there.
+    """Return the log-odds of a window, with −1 in cells suppressed by a much stronger neighbor.
 
-    Noise of ranges and poses smears a wall over two or three cells, and some of the beams that graze it hit
-    cells before it. All of those are occupied more than not; but where the lidar has seen a wall often, the
-    cells that hold it have many times their evidence. Where all evidence is weak, as on a far wall seen once,
-    nothing is taken away.
+    Range and pose noise spreads a wall over two or three cells, and some grazing beams hit cells in front of
+    it. All of these cells have positive log-odds, but after many scans the cells of the wall itself have many
+    times more. Where all evidence is weak, as on a far wall seen once, no cell is suppressed.
 
     Args:
-        model: its `thinning_ratio` is the share of the strongest neighbor's log-odds that a cell must have.
-        window: `[rows, size]` log-odds in fixed point. Within `NEIGHBORS` columns of the sides, neighbors
-            in the next row may count.
+        model: its `thinning_ratio` is the fraction of the strongest neighbor's log-odds that a cell needs.
+        window: `[rows, size]` fixed-point log-odds. Within `NEIGHBORS` columns of the sides, cells at the
+            other end of an adjacent row may count as neighbors.
     """
     size = window.shape[1]
     cells = window.reshape(-1)
-    # Each once: fused, the strongest of a row would be sought anew for every row of the square.
+    # Without materialization, XLA recomputes the maximum along a row for every row of the neighborhood.
     along = materialize(lambda values: _strongest(values, 1), cells)
 
     def compare(values: tuple[Int8[Array, "n"], Int8[Array, "n"], Int16[Array, ""]]) -> Int8[Array, "n"]:
@@ -41,7 +40,7 @@ def thin_walls(model: OccupancyModel, window: Int8[Array, "rows size"]) -> Int8[
 
 
 def _strongest(cells: Int8[Array, "n"], stride: int) -> Int8[Array, "n"]:
-    """The largest of each cell and its neighbors so many cells apart."""
+    """Return the maximum over each cell and its `NEIGHBORS` neighbors on either side, `stride` apart."""
     reach = NEIGHBORS * stride
     padded = jnp.pad(cells, (reach, reach), constant_values=jnp.int8(-128))
     result = cells

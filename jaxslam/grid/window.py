@@ -1,4 +1,4 @@
-"""The part of each particle's map around its robot, which is all that a step works on."""
+"""Windows: the part of each particle's map around its robot that a filter step uses."""
 
 import jax
 import jax.numpy as jnp
@@ -9,24 +9,24 @@ from jaxslam.grid.spec import GridSpec
 from jaxslam.xla.sharding import PARTICLES, shard_map
 
 _ROOM = 20
-"""Cells that the lidar keeps from the window's edge."""
+"""Minimum distance of the lidar from the window's edge, cells."""
 _EDGE = 4
-"""Cells at the window's edge where no beam may end: the poses of the particles differ by some."""
+"""Width of the window's edge in which no beam may end, cells; it allows for differences between particles."""
 
 
 def window_start(
     spec: GridSpec, position: Float[Array, "2"], shape: tuple[int, int], shift: Int[Array, "2"]
 ) -> tuple[Int[Array, "2"], Bool[Array, ""]]:
-    """First row and column of the window of `shape` whose center is `shift` cells from `position`.
+    """Return the first row and column of the window of `shape` whose center is `shift` cells from `position`.
 
     Args:
         spec: the map.
-        position: `[2]` of the lidar, meters, world frame.
+        position: `[2]` position of the lidar, meters, world frame.
         shape: rows and columns.
         shift: `[2]` rows and columns from the lidar's cell to the window's center cell.
 
     Returns:
-        `[2]` int32 (row, column), moved to lie on the map, and whether it had to be moved.
+        `[2]` int32 (row, column), clamped so that the window lies on the map, and whether that changed it.
     """
     cell = jnp.floor(spec.cells(position)).astype(jnp.int32)
     start = cell[::-1] + shift - jnp.asarray([shape[0] // 2, shape[1] // 2], jnp.int32)
@@ -36,23 +36,23 @@ def window_start(
 
 
 def window_origin(spec: GridSpec, start: Int[Array, "2"]) -> Float[Array, "2"]:
-    """World position of the lower-left corner of a window that starts at (row, column), meters."""
+    """Return the world position of the lower-left corner of a window that starts at (row, column), meters."""
     return spec.origin + spec.resolution * start[::-1].astype(jnp.float32)
 
 
 def shift_to_scan(ends: Float[Array, "B 2"], resolution: Float[Array, ""], size: int) -> Int[Array, "2"]:
-    """Rows and columns from the lidar to the middle of what it sees.
+    """Return the rows and columns from the lidar to the middle of its scan.
 
-    A lidar that looks ahead sees twice as far in a window that lies ahead of it. The lidar itself stays
-    on the window, a meter from its edge at 5 cm cells.
+    For a forward-facing lidar, a window ahead of it covers twice the range. The lidar itself stays in the
+    window, at least 1 m from its edge at 5 cm cells.
 
     Args:
-        ends: `[B, 2]` where the beams end, from the lidar, meters, world axes; (0, 0) where there is none.
+        ends: `[B, 2]` end points relative to the lidar, meters, world axes; (0, 0) without a return.
         resolution: side of a cell, meters.
         size: cells along a side of the window.
 
     Returns:
-        `[2]` int32 (row, column); 0 along an axis on which all of it fits round the lidar.
+        `[2]` int32 (row, column); 0 along an axis if the scan fits in a window centered on the lidar.
     """
     half = size // 2
     lowest, highest = jnp.min(ends, axis=0) / resolution, jnp.max(ends, axis=0) / resolution
@@ -65,7 +65,7 @@ def shift_to_scan(ends: Float[Array, "B 2"], resolution: Float[Array, ""], size:
 def inside_window(
     ends: Float[Array, "B 2"], resolution: Float[Array, ""], size: int, shift: Int[Array, "2"]
 ) -> Bool[Array, "B"]:
-    """Which beams end on the window, and off its outermost cells (arguments as in `shift_to_scan`)."""
+    """Return which beams end in the window but not in its edge (arguments as in `shift_to_scan`)."""
     from_center = ends / resolution - shift[None, ::-1].astype(jnp.float32)
     return jnp.all(jnp.abs(from_center) < size // 2 - _EDGE, axis=1)
 
@@ -73,7 +73,7 @@ def inside_window(
 def read_windows(
     maps: Int8[Array, "N H W"], starts: Int[Array, "N 2"], shape: tuple[int, int]
 ) -> Int8[Array, "N h w"]:
-    """Cuts one window of `shape` out of each map."""
+    """Cut one window of `shape` out of each map."""
     return jax.vmap(lambda grid, start: jax.lax.dynamic_slice(grid, start, shape))(maps, starts)
 
 
@@ -83,13 +83,13 @@ def write_windows(
     starts: Int[Array, "N 2"],
     mesh: Mesh | None = None,
 ) -> Int8[Array, "N H W"]:
-    """Puts the windows back, in place: a loop of updates, where a batched one would copy every map.
+    """Write the windows back in place, in a loop, because a batched update would copy every map.
 
     Args:
         maps: one per particle.
         windows: their new contents.
-        starts: where they lie, (row, column).
-        mesh: the devices that the particles are spread over.
+        starts: first (row, column) of each window.
+        mesh: devices over which the particles are sharded.
     """
 
     def write_all(
@@ -107,14 +107,14 @@ def write_windows(
 def copy_maps(
     maps: Int8[Array, "N H W"], ancestors: Int[Array, "N"], mesh: Mesh | None = None
 ) -> Int8[Array, "N H W"]:
-    """Gives every slot its ancestor's map, copying only those whose ancestor is another slot.
+    """Give every slot its ancestor's map; copy only where the ancestor is another slot.
 
-    Every ancestor must keep its own slot (`keep_survivors_in_place`): then no source is overwritten.
+    Every ancestor must keep its own slot (`keep_survivors_in_place`), so that no source is overwritten.
 
     Args:
         maps: one per particle.
-        ancestors: the slot that each goes on from.
-        mesh: the devices that the particles are spread over.
+        ancestors: slot of each particle's ancestor.
+        mesh: devices over which the particles are sharded.
     """
     slots = jnp.arange(maps.shape[0], dtype=jnp.int32)
     replaced = jnp.nonzero(ancestors != slots, size=maps.shape[0], fill_value=0)[0]
@@ -142,13 +142,13 @@ def copy_maps(
 
 
 def _sent_to_all(maps: Int8[Array, "n H W"], slot: Int[Array, ""]) -> Int8[Array, "1 H W"]:
-    """The map of a slot, from the device that has it."""
+    """Broadcast the map of a slot from the device that stores it."""
     own, here = _own_slot(slot, maps.shape[0])
     source = jax.lax.dynamic_slice_in_dim(maps, own, 1)
     return jax.lax.psum(jnp.where(here, source, jnp.zeros_like(source)), PARTICLES)
 
 
 def _own_slot(slot: Int[Array, ""], count: int) -> tuple[Int[Array, ""], Bool[Array, ""]]:
-    """A slot among the `count` of this device, and whether it is one of them."""
+    """Return a slot's index among the `count` slots of this device, and whether it is on this device."""
     own = slot - jax.lax.axis_index(PARTICLES).astype(jnp.int32) * count
     return jnp.clip(own, 0, count - 1), (own >= 0) & (own < count)

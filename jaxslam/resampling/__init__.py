@@ -1,4 +1,4 @@
-"""Resampling: which particles go on, and when it is time to choose."""
+"""Resampling schemes, and adaptive resampling by effective sample size."""
 
 from jaxslam.resampling._permute import keep_survivors_in_place
 from jaxslam.resampling.adaptive import AdaptiveResampling, Resampling

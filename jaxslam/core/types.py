@@ -30,7 +30,7 @@ class LidarScan(eqx.Module):
 
     @property
     def num_beams(self) -> int:
-        """Number of beams `B`, valid or not."""
+        """Return the number of beams `B`, valid or not."""
         return self.ranges.shape[-1]
 
     def angles(self) -> Float[Array, "*batch B"]:

@@ -30,9 +30,9 @@ class LikelihoodField(AbstractSensorModel):
         sigma_hit: standard deviation of end points around obstacles, meters.
         z_hit: weight of beams that hit a mapped obstacle.
         z_rand: weight of beams that hit something else.
-        z_unseen: density of the prior beams in the mean, relative to the best; it decides if all beams
-            end in unknown space.
-        unseen_beams: number of prior beams with density `z_unseen` in the mean.
+        z_unseen: density, relative to the maximum, of the pseudo-beams that are added to the mean; it decides
+            if all beams end in unknown space.
+        unseen_beams: number of these pseudo-beams.
         independent_beams: n_ind, number of independent beams that weigh as much as a scan. If too large,
             map errors distinguish similar rooms before the robot has seen a real difference.
         max_beams: beams that are scored, evenly spread over the scan (static).

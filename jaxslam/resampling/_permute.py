@@ -1,4 +1,4 @@
-"""Reordering ancestors so that survivors stay where they are."""
+"""Permutation of ancestors that leaves survivors in their slots."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Int

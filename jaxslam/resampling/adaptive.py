@@ -1,4 +1,4 @@
-"""Resampling only when the weights have degenerated."""
+"""Adaptive resampling: resample only when the weights have degenerated."""
 
 import equinox as eqx
 import jax
@@ -10,7 +10,7 @@ from jaxslam.resampling.ess import effective_sample_size, normalize
 
 
 class Resampling(eqx.Module):
-    """The outcome of one resampling decision.
+    """Result of one resampling decision.
 
     Attributes:
         ancestors: `[N]` int32, the particle that each slot continues; `arange(N)` without resampling.
@@ -31,8 +31,8 @@ class AdaptiveResampling(eqx.Module):
     If no weight is finite, the set is kept, with uniform weights and `resampled` false.
 
     Attributes:
-        scheme: chooses the ancestors.
-        threshold: fraction of N, ≥ 0: 0 never resamples, above 1 always does.
+        scheme: resampling scheme that chooses the ancestors.
+        threshold: fraction of N, ≥ 0; 0 never resamples, a value above 1 always does.
 
     References:
         Liang et al. (16), Yang et al. 2019 (17), Jamaludin et al. (2): resample when N_eff < N/2.

@@ -45,7 +45,7 @@ def effective_sample_size(log_weights: Float[Array, "N"]) -> Float[Array, ""]:
         Liang et al. (16), Yang et al. 2019 (17), Jamaludin et al. (2); Kong, Liu, Wong 1994.
 
     Example:
-        Weights 0.25 and 0.75: 1 / (0.0625 + 0.5625) = 1.6.
+        Weights 0.25 and 0.75 give 1 / (0.0625 + 0.5625) = 1.6.
     """
     relative, _ = relative_to_largest(log_weights)
     weights = jnp.exp(relative)

@@ -10,7 +10,7 @@ from jaxslam.resampling.base import AbstractResampler
 
 
 class StratifiedResampler(AbstractResampler):
-    """Positions (k + u_k) / N with independent u_k: counts within two of N w.
+    """Positions (k + u_k) / N with independent u_k; each count is within two of N w.
 
     The variance never exceeds that of multinomial resampling, for any estimate. The draws are independent,
     as convergence proofs require; those of systematic resampling are not.

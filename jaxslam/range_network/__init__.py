@@ -3,7 +3,6 @@
 This package applies the network; training, `jaxslam.range_network.learning`, needs the extra `train`.
 """
 
-from jaxslam.range_network.file import load_network, save_network
-from jaxslam.range_network.network import RangeNetwork
+from jaxslam.range_network.network import RangeNetwork, load_network, save_network
 
 __all__ = ["RangeNetwork", "load_network", "save_network"]

@@ -208,8 +208,8 @@ class AMCL(eqx.Module):
         before = state.log_weights[:size]
         after = jnp.where(active, before + log_likelihood, -jnp.inf)
         # A scan that is impossible at every particle cannot weight them.
-        tells = enough & jnp.any(after > -jnp.inf)
-        log_weights = normalize(jnp.where(tells, after, before))
+        is_informative = enough & jnp.any(after > -jnp.inf)
+        log_weights = normalize(jnp.where(is_informative, after, before))
         weights = jnp.exp(log_weights)
 
         estimate = self._estimate(moved, weights)

@@ -92,7 +92,7 @@ def run_trials(plan: Plan, url: str, on_trial: Callable[[Store, TrialResult], No
 
 
 def run_batch(plan: Plan, store: Store, count: int, interrupts: Interrupts) -> list[TrialResult]:
-    """Ask for a batch of trials, run those that share a program together, and record all outcomes.
+    """Ask for a batch of trials, run trials of one program together, and record all outcomes.
 
     Args:
         plan: plan of the study.

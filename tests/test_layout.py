@@ -15,20 +15,17 @@ PACKAGE = ROOT / "jaxslam"
 # Every other name belongs to one module. `base` is the abstract class of a package.
 NAMES_OF_SEVERAL_MODULES = {
     # A command, and the work that it starts.
-    "fetch": {"cli", "io"},
     "fuse": {"cli", "fusion"},
     "localize": {"cli", "pipeline"},
     "run": {"cli", "pipeline"},
     # What is set, and what is made of it.
     "fusion": {"config", "pipeline"},
-    "localization": {"config", "viz"},
     "ranges": {"io", "preprocess"},
     # What is read, and how it is judged.
     "relations": {"io", "metrics"},
     "summary": {"io", "metrics"},
     "trajectory": {"core", "metrics"},
     # One kind of thing in two packages.
-    "file": {"io/bag", "range_network"},
     "gaussian": {"motion", "proposal"},
     "reader": {"io", "io/bag", "io/carmen"},
 }

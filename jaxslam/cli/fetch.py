@@ -44,7 +44,7 @@ def execute(command: Fetch, arguments: list[str]) -> None:
         hint = f"did you mean {nearest[0]}? " if nearest else ""
         raise ValueError(f"unknown log {command.name}: {hint}`jaxslam fetch` lists them")
 
-    from jaxslam.io.fetch import cache_folder, fetch_log
+    from jaxslam.io.download import cache_folder, fetch_log
 
     log = PUBLIC_LOGS[command.name]
     written = fetch_log(log, cache_folder(command.to).resolve())

@@ -85,7 +85,7 @@ def execute(command: Localize, arguments: list[str]) -> None:
     from jaxslam.localization.start import check_start
     from jaxslam.report import default_folder, make_folder
     from jaxslam.report.localization_folder import write_localization
-    from jaxslam.viz.localization import animate_clouds
+    from jaxslam.viz.clouds import animate_clouds
 
     check_seed(command.seed)
     start = _start(command)

@@ -11,7 +11,7 @@ class Flag(enum.IntFlag):
     NONFINITE_WEIGHT = enum.auto()
     """A particle's weight was NaN or infinite; the particle was given weight zero."""
     NONFINITE_POSE = enum.auto()
-    """A particle's pose was NaN or infinite; it kept its predicted pose."""
+    """A particle's pose was NaN or infinite; the particle kept its predicted pose."""
     FEW_VALID_BEAMS = enum.auto()
     """The scan had too few valid beams to localize with: the pose comes from odometry alone."""
     SEARCHED = enum.auto()

@@ -1,6 +1,6 @@
 """Small linear algebra in the form that XLA compiles best: closed 3 × 3 formulas and fused sums.
 
-A batched factorization costs five times as much.
+A batched library factorization costs five times as much.
 """
 
 import jax

@@ -20,7 +20,7 @@ def wrap(angle: Float[Any, "*batch"] | float) -> Float[Any, "*batch"]:
     """
     xp = _namespace(angle)
     wrapped = xp.mod(angle + xp.pi, 2 * xp.pi) - xp.pi
-    # Rounding can carry a tiny negative angle to exactly +π; the interval is half-open.
+    # Rounding can turn a tiny negative angle into exactly +π, which is outside the half-open interval.
     return xp.where(wrapped >= xp.pi, -xp.pi, wrapped).astype(wrapped.dtype)
 
 
@@ -50,7 +50,7 @@ def inverse(pose_a_b: Float[Any, "*batch 3"]) -> Float[Any, "*batch 3"]:
 def relative(pose_a_b: Float[Any, "*#batch 3"], pose_a_c: Float[Any, "*#batch 3"]) -> Float[Any, "*batch 3"]:
     """Return the pose of `c` in `b`, both given in `a` (`c ⊖ b`).
 
-    This inverts the composition: `compose(b, relative(b, c))` is `c`.
+    This is the inverse of `compose`: `compose(b, relative(b, c))` is `c`.
     """
     position = rotate(-pose_a_b[..., 2], pose_a_c[..., :2] - pose_a_b[..., :2])
     return _pose(position, pose_a_c[..., 2] - pose_a_b[..., 2])

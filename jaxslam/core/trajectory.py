@@ -38,7 +38,7 @@ def interpolate_poses(
     Args:
         stamps: `[M]` seconds, not decreasing, M ≥ 1.
         poses: `[M, 3]` the trajectory.
-        query: `[Q]` seconds. Before the first and after the last stamp the end pose is held.
+        query: `[Q]` seconds. Outside the stamps, the first or last pose is held.
 
     Returns:
         `[Q, 3]` poses in the same frame.
@@ -120,7 +120,7 @@ def interpolate_along_odometry(
         poses: `[T, 3]` the estimates, world frame.
 
     Returns:
-        `[S, 3]` poses in the world frame; `poses` at `rows`.
+        `[S, 3]` poses in the world frame, equal to `poses` at `rows`.
 
     Example:
         Odometry at x = 0, 1, 2 and estimates x = 0 and 2.2 at its ends give x = 1.1 in the middle.

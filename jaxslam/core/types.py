@@ -18,7 +18,7 @@ class LidarScan(eqx.Module):
         ranges: `[B]` meters. Where `valid` is false the value is 0 and means "no return".
         valid: `[B]` true where the beam hit something within the usable range interval.
         angle_min: angle of beam 0, radians, lidar frame.
-        angle_increment: angle between neighboring beams, radians (negative: clockwise).
+        angle_increment: angle between neighboring beams, radians (negative if clockwise).
         pose_base_lidar: `[3]` pose of the lidar in the robot's base frame.
     """
 
@@ -44,7 +44,7 @@ class OdometryIncrement(eqx.Module):
 
     Attributes:
         delta: `[3]` pose of the base at the end in the frame of the base at the start (m, m, rad).
-        covariance: `[3, 3]` covariance of `delta` (m², m·rad, rad²); zeros where the source gives none.
+        covariance: `[3, 3]` covariance of `delta` (m², m·rad, rad²); zeros if the source gives none.
         dt: duration in seconds.
     """
 

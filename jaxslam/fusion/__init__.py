@@ -1,4 +1,4 @@
-"""Wheel odometry and IMU fused before the filter, by a Kalman filter."""
+"""Fusion of wheel odometry and IMU by a Kalman filter, before SLAM or localization."""
 
 from jaxslam.fusion.ekf import EKF, Belief, EKFUpdate, Measurement
 from jaxslam.fusion.fuse import FusedMotion, filter_events, fuse

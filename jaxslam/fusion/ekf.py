@@ -1,4 +1,4 @@
-"""The Kalman filter of wheel odometry and IMU, tobacco (7)–(11)."""
+"""Kalman filter of wheel odometry and IMU, Liang et al. (7)–(11)."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -8,7 +8,7 @@ from jaxslam.core import se2
 from jaxslam.core.validation import require_at_least_zero, require_one_of
 
 STATE_SIZE = 6
-"""X, Y (m), θ (rad), their rates v_x, v_y (m/s) and ω (rad/s)."""
+"""X, Y (m), θ (rad), and their rates v_x, v_y (m/s) and ω (rad/s)."""
 HEADING = 2
 
 # 99.9 % quantiles of the χ² distribution by degrees of freedom, 0 to 6.
@@ -16,10 +16,10 @@ _GATES = (jnp.inf, 10.828, 13.816, 16.266, 18.467, 20.515, 22.458)
 
 
 class Belief(eqx.Module):
-    """A Gaussian over the state, and over copies of poses that were kept: `S` = 6, or 6 + 3 with a copy.
+    """A Gaussian over the state and, optionally, a copy of an earlier pose: `S` = 6, or 6 + 3 with a copy.
 
     Attributes:
-        mean: `[S]`; its heading in [−π, π).
+        mean: `[S]`; headings in [−π, π).
         covariance: `[S, S]`, symmetric and positive.
     """
 
@@ -31,9 +31,9 @@ class Measurement(eqx.Module):
     """A reading of some components of the state; stacked over time, `[M, 6]`, in a stream.
 
     Attributes:
-        value: `[6]`; what is not `seen` is not looked at.
-        variance: `[6]` of each component.
-        seen: `[6]` which components were read.
+        value: `[6]`; components that are not `seen` are ignored.
+        variance: `[6]` variance of each component.
+        seen: `[6]` which components were measured.
     """
 
     value: Float[Array, "*M 6"]
@@ -45,9 +45,9 @@ class EKFUpdate(eqx.Module):
     """A belief after a reading.
 
     Attributes:
-        belief: the new one; the old one where the reading was refused.
+        belief: the updated belief; the old one if the reading was rejected.
         distance: squared Mahalanobis distance of the reading.
-        accepted: whether it passed the gate.
+        accepted: whether the reading passed the gate.
     """
 
     belief: Belief
@@ -56,18 +56,19 @@ class EKFUpdate(eqx.Module):
 
 
 class EKF(eqx.Module):
-    r"""Constant velocity, disturbed by white accelerations.
+    r"""Constant-velocity model with white acceleration noise.
 
     With `frame="world"` the rates are those of X and Y, and $x_{t+1} = x_t + [\Delta t\,I_3; 0](v_x, v_y,
-    \omega)^T$ (tobacco 8) is linear. With `frame="body"` they are along and across the robot; turning them
-    by the heading makes the filter an extended one, and v_y, which wheels do not have, can be held small.
+    \omega)^T$ (Liang et al. 8) is linear. With `frame="body"` they are along and across the robot. Rotating
+    them by the heading makes the filter an extended one, and allows v_y, which is zero for wheels without
+    slip, to be kept small.
 
     Attributes:
         acceleration: spectral density of the acceleration along x, m/s² per √Hz.
-        lateral_acceleration: and along y, in the body frame, where a robot on wheels hardly has any.
-        angular_acceleration: rad/s² per √Hz.
-        gate: whether readings beyond the 99.9 % quantile of χ² are refused (static).
-        frame: of the rates, "body" or "world" (static).
+        lateral_acceleration: spectral density along y in the body frame, where wheels allow hardly any.
+        angular_acceleration: spectral density of the angular acceleration, rad/s² per √Hz.
+        gate: whether readings beyond the 99.9 % quantile of χ² are rejected (static).
+        frame: frame of the rates, "body" or "world" (static).
     """
 
     acceleration: float | Float[Array, ""] = 0.5
@@ -81,20 +82,20 @@ class EKF(eqx.Module):
         require_one_of(self, "frame", ("body", "world"))
 
     def predict(self, belief: Belief, dt: Float[Array, ""]) -> Belief:
-        """The belief `dt` ≥ 0 seconds later."""
+        """Return the belief `dt` ≥ 0 seconds later."""
         mean, transition = self._transition(belief.mean, dt)
         noise = self._process_noise(belief.mean, dt)
         covariance = transition @ belief.covariance @ transition.T + noise
         return Belief(_wrapped(mean), _symmetric(covariance))
 
     def update(self, belief: Belief, measurement: Measurement) -> EKFUpdate:
-        """The belief after a reading, with the covariance in Joseph's form."""
+        """Return the belief after a reading, with the covariance in Joseph's form."""
         size = belief.mean.shape[0]
         seen = measurement.seen
         innovation = measurement.value - belief.mean[:STATE_SIZE]
         innovation = innovation.at[HEADING].set(se2.wrap(innovation[HEADING]))
         innovation = jnp.where(seen, innovation, 0.0)
-        # Rows of components that were not read: zero in H, one in R. They change nothing.
+        # A component that was not measured has a zero row in H and variance 1 in R, and thus no effect.
         observe = jnp.where(seen[:, None], jnp.eye(STATE_SIZE, size, dtype=belief.mean.dtype), 0.0)
         variance = jnp.where(seen, measurement.variance, 1.0)
         noise = jnp.diag(variance)
@@ -113,13 +114,13 @@ class EKF(eqx.Module):
     def _transition(
         self, mean: Float[Array, "S"], dt: Float[Array, ""]
     ) -> tuple[Float[Array, "S"], Float[Array, "S S"]]:
-        """The state moved on, tobacco (8), and the derivative of that."""
+        """Return the state after `dt`, Liang et al. (8), and its Jacobian."""
         jacobian = jnp.eye(mean.shape[0], dtype=mean.dtype)
         if self.frame == "world":
             moved = mean.at[:3].add(dt * mean[3:6])
             return moved, jacobian.at[jnp.arange(3), jnp.arange(3, 6)].set(dt)
         along, across, turning = mean[3], mean[4], mean[5]
-        # Half way through the turn: the result hardly depends on how a time is cut into steps.
+        # The heading halfway through the turn makes the result nearly independent of the step length.
         heading = mean[HEADING] + 0.5 * dt * turning
         cos, sin = jnp.cos(heading), jnp.sin(heading)
         moved = mean.at[0].add(dt * (cos * along - sin * across))
@@ -131,7 +132,7 @@ class EKF(eqx.Module):
         return moved, jacobian.at[2, 5].set(dt)
 
     def _process_noise(self, mean: Float[Array, "S"], dt: Float[Array, ""]) -> Float[Array, "S S"]:
-        """White accelerations over `dt`: dt³/3, dt²/2 and dt times their densities."""
+        """Return the noise of white accelerations over `dt`: dt³/3, dt²/2 and dt times their densities."""
         densities = jnp.stack([jnp.asarray(d, mean.dtype) ** 2 for d in self._densities()])
         if self.frame == "world":
             turn = jnp.eye(3, dtype=mean.dtype)
@@ -147,19 +148,19 @@ class EKF(eqx.Module):
         return noise.at[3:6, 3:6].set(rates * dt)
 
     def _densities(self) -> tuple[float | Float[Array, ""], ...]:
-        # In the world neither axis is the robot's own.
+        # World axes are not aligned with the robot, so both get the larger density.
         lateral = self.acceleration if self.frame == "world" else self.lateral_acceleration
         return self.acceleration, lateral, self.angular_acceleration
 
 
 def with_copy(belief: Belief) -> Belief:
-    """The belief with a copy of its pose, `[6 + 3]`: what has moved since then can be told from it."""
+    """Append a copy of the pose, `[6 + 3]`, relative to which later motion is measured."""
     take = jnp.arange(STATE_SIZE + 3).at[STATE_SIZE:].set(jnp.arange(3))
     return Belief(belief.mean[take], belief.covariance[take][:, take])
 
 
 def since_copy(belief: Belief) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
-    """Pose now in the frame of the pose that was copied, and its covariance, to first order."""
+    """Return the current pose in the frame of the copied pose, and its covariance to first order."""
     copied, now = belief.mean[STATE_SIZE : STATE_SIZE + 3], belief.mean[:3]
     relative = se2.relative(copied, now)
     cos, sin = jnp.cos(copied[HEADING]), jnp.sin(copied[HEADING])

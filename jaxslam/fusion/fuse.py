@@ -1,4 +1,4 @@
-"""The filter run over a stream: motion and covariance between scans."""
+"""The fusion filter applied to a stream: motion and covariance between scans."""
 
 from dataclasses import dataclass
 
@@ -15,12 +15,12 @@ _START_VARIANCE = (1e-6, 1e-6, 1e-6, 1.0, 1.0, 1.0)
 
 
 class FusedStep(eqx.Module):
-    """What one event leaves; stacked over the stream.
+    """Result of one event; stacked over the stream.
 
     Attributes:
-        mean: `[6]` the state after it.
+        mean: `[6]` the state after the event.
         variance: `[6]` the diagonal of its covariance.
-        delta: `[3]` at a query, the motion since the last one, in the frame of the pose then.
+        delta: `[3]` at a query, the motion since the previous query, in the frame of the pose then.
         delta_covariance: `[3, 3]` of `delta`.
         distance: squared Mahalanobis distance of the reading.
         accepted: whether the reading was used.
@@ -39,13 +39,13 @@ class FusedMotion:
     """The fused motion.
 
     Attributes:
-        stamps: `[Q]` of the queries, seconds.
+        stamps: `[Q]` stamps of the queries, seconds.
         poses: `[Q, 3]` in the odometry's frame.
         sigmas: `[Q, 3]` standard deviations of the poses (m, m, rad).
-        deltas: `[Q, 3]` motion since the query before; zero for the first.
+        deltas: `[Q, 3]` motion since the previous query; zero for the first.
         covariances: `[Q, 3, 3]` of the deltas.
-        readings: how many there were by source.
-        refused: how many of them the gate refused.
+        readings: number of readings by source.
+        refused: number of readings rejected by the gate, by source.
     """
 
     stamps: Float64[np.ndarray, "Q"]
@@ -58,7 +58,7 @@ class FusedMotion:
 
 
 def filter_events(ekf: EKF, start: Float[Array, "3"], events: Events) -> tuple[Belief, FusedStep]:
-    """Runs over a stream, one `lax.scan`; `start` `[3]` is the pose before the first event."""
+    """Filter a stream in one `lax.scan`; `start` `[3]` is the pose before the first event."""
 
     def step(belief: Belief, event: Events) -> tuple[Belief, FusedStep]:
         belief = ekf.predict(belief, event.dt)
@@ -83,7 +83,7 @@ def filter_events(ekf: EKF, start: Float[Array, "3"], events: Events) -> tuple[B
 
 
 def fuse(ekf: EKF, stream: Stream) -> FusedMotion:
-    """The fused motion at the queries of a stream."""
+    """Return the fused motion at the queries of a stream."""
     steps = jax.jit(filter_events)(ekf, jnp.asarray(stream.start, jnp.float32), stream.events)[1]
     source: Int[np.ndarray, "M"] = np.asarray(stream.events.source)
     read = np.asarray(any_seen(stream.events.measurement))
@@ -92,7 +92,7 @@ def fuse(ekf: EKF, stream: Stream) -> FusedMotion:
     deltas = np.asarray(steps.delta, np.float64)[rows]
     covariances = np.asarray(steps.delta_covariance, np.float64)[rows]
     if len(rows):
-        # Nothing was asked before the first.
+        # The first query has no previous one.
         deltas[0], covariances[0] = 0.0, 0.0
     names = {"odometry": ODOMETRY, "imu": IMU}
     return FusedMotion(

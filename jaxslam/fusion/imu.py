@@ -1,4 +1,4 @@
-"""An IMU's readings about the robot's vertical axis, however it is mounted."""
+"""Rotation about the robot's vertical axis from an IMU in any mounting."""
 
 from dataclasses import dataclass
 
@@ -17,27 +17,27 @@ AXES: dict[str, tuple[float, float, float]] = {
     "-y": (0.0, -1.0, 0.0),
     "-z": (0.0, 0.0, -1.0),
 }
-"""Sensor axes that can point up, by the name that `--imu-yaw-axis` takes."""
+"""Sensor axes that can point up, by their names in `--imu-yaw-axis`."""
 
 _STILL_SPEED, _STILL_RATE = 0.01, 0.01
-"""A robot whose odometry moves by less, m/s and rad/s, stands."""
+"""The robot counts as standing still if its odometry moves by less than this, m/s and rad/s."""
 _LEAST_STILL = 20
-"""Readings taken while the robot stands, from which a bias is found."""
+"""Smallest number of readings at rest from which a bias is estimated."""
 _LEVEL = 0.9
-"""Share of the mean acceleration that must lie along one direction for it to be gravity."""
+"""Share of the mean acceleration that must lie along one axis for the axis to be vertical."""
 
 
 @dataclass(frozen=True)
 class YawTrack:
-    """Turning about the vertical.
+    """Rotation about the vertical axis.
 
     Attributes:
         stamps: `[M]` seconds.
-        rates: `[M]` rad/s, counter-clockwise seen from above; NaN where there is none.
-        headings: `[M]` rad, from an arbitrary zero; NaN where there is none.
+        rates: `[M]` rad/s, counter-clockwise seen from above; NaN if missing.
+        headings: `[M]` rad, from an arbitrary zero; NaN if missing.
         axis: the sensor's axis that points up, `[3]`.
-        source: how the axis was found, for people.
-        bias: rad/s, taken off `rates`.
+        source: how the axis was found, for display.
+        bias: rad/s, subtracted from `rates`.
     """
 
     stamps: Float64[np.ndarray, "M"]
@@ -49,18 +49,18 @@ class YawTrack:
 
 
 def turning_is_known(imu: ImuTrack) -> bool:
-    """Whether an IMU has any turning rate."""
+    """Return whether an IMU has any turning rate."""
     return bool(np.isfinite(imu.angular_velocities).all(axis=1).any())
 
 
 def yaw_track(imu: ImuTrack, odometry: OdometryTrack | None, axis: str | None = None) -> YawTrack:
-    """An IMU's turning about the vertical.
+    """Return an IMU's rotation about the vertical axis.
 
     Args:
         imu: readings in the sensor's frame.
-        odometry: tells when the robot stood, from which the gyro's bias is found; None: no bias.
-        axis: of the sensor that points up, a name of `AXES`; None: as the log's mounting says, or as
-            gravity does, or z.
+        odometry: shows when the robot stood still, from which the gyro's bias is estimated; None: no bias.
+        axis: the sensor's axis that points up, a name in `AXES`. None takes the axis from the log's
+            mounting, else from gravity, else z.
 
     Raises:
         LogError: the IMU has neither turning rates nor orientations.
@@ -87,7 +87,7 @@ def _up_axis(imu: ImuTrack, axis: str | None) -> tuple[Float64[np.ndarray, "3"],
         return imu.rotation_base_imu.T @ np.array([0.0, 0.0, 1.0]), "the log's mounting"
     finite = imu.linear_accelerations[np.isfinite(imu.linear_accelerations).all(axis=1)]
     if len(finite):
-        # An accelerometer at rest reads what holds it up.
+        # An accelerometer at rest measures the upward reaction to gravity.
         mean = finite.mean(axis=0)
         share = np.abs(mean) / max(float(np.linalg.norm(mean)), 1e-9)
         strongest = int(np.argmax(share))
@@ -101,7 +101,7 @@ def _up_axis(imu: ImuTrack, axis: str | None) -> tuple[Float64[np.ndarray, "3"],
 def _headings(
     quaternions: Float64[np.ndarray, "M 4"], up: Float64[np.ndarray, "3"]
 ) -> Float64[np.ndarray, "M"]:
-    """Heading of a level axis of the sensor, as its orientations turn it about the vertical."""
+    """Return the heading of a level axis of the sensor, from its orientations."""
     level = np.eye(3)[int(np.argmin(np.abs(up)))]
     level = level - up * (level @ up)
     level = level / np.linalg.norm(level)
@@ -119,7 +119,7 @@ def _headings(
 
 
 def _standing(stamps: Float64[np.ndarray, "M"], odometry: OdometryTrack) -> np.ndarray:
-    """Whether the odometry stands still around each stamp."""
+    """Return whether the odometry stands still around each stamp."""
     before = interpolate_poses(odometry.stamps, odometry.poses, stamps - 0.25)
     after = interpolate_poses(odometry.stamps, odometry.poses, stamps + 0.25)
     moved = se2.relative(before, after) / 0.5

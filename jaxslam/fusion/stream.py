@@ -14,23 +14,23 @@ from jaxslam.fusion.imu import YawTrack
 from jaxslam.io.log import OdometryTrack
 
 ODOMETRY, IMU, QUERY = 0, 1, 2
-"""Where an event is from. A query reads nothing: it asks for the motion since the last one."""
+"""Source of an event. A query has no reading; it requests the motion since the previous query."""
 
 _LONGEST_STEP = 1.0
-"""Odometry further apart than this, seconds, tells no rates."""
+"""Odometry poses further apart than this, seconds, give no rates."""
 
 
 class OdometerNoise(eqx.Module):
-    """e_odom(d), tobacco (9): standard deviations.
+    """Noise of the odometry, e_odom(d), Liang et al. (9).
 
     Attributes:
-        speed: of the speed along, as a share of it.
-        speed_floor: and at rest, m/s.
-        lateral: of the speed across, m/s: wheels slip a little sideways.
-        turning: of the turning rate, as a share of it.
-        turning_floor: and at rest, rad/s.
-        position_per_meter: of the position, m per √m driven.
-        heading_per_meter: of the heading, rad per √m driven.
+        speed: standard deviation of the forward speed, as a share of it.
+        speed_floor: standard deviation of the forward speed at rest, m/s.
+        lateral: standard deviation of the lateral speed, m/s, since wheels slip slightly sideways.
+        turning: standard deviation of the turning rate, as a share of it.
+        turning_floor: standard deviation of the turning rate at rest, rad/s.
+        position_per_meter: standard deviation of the position, m per √m driven.
+        heading_per_meter: standard deviation of the heading, rad per √m driven.
     """
 
     speed: float = 0.05
@@ -46,11 +46,11 @@ class OdometerNoise(eqx.Module):
 
 
 class ImuNoise(eqx.Module):
-    """Standard deviations of an IMU, tobacco (10).
+    """Noise of an IMU, Liang et al. (10).
 
     Attributes:
-        rate: of the turning rate, rad/s.
-        heading: of the heading, rad.
+        rate: standard deviation of the turning rate, rad/s.
+        heading: standard deviation of the heading, rad.
     """
 
     rate: float = 0.02
@@ -61,11 +61,11 @@ class ImuNoise(eqx.Module):
 
 
 class Events(eqx.Module):
-    """Stacked over time, `[M, ...]`.
+    """Readings and queries, stacked over time, `[M, ...]`.
 
     Attributes:
-        dt: seconds since the event before.
-        measurement: what was read; nothing is seen for a query.
+        dt: seconds since the previous event.
+        measurement: the reading; a query has no `seen` component.
         source: `ODOMETRY`, `IMU` or `QUERY`.
     """
 
@@ -76,13 +76,13 @@ class Events(eqx.Module):
 
 @dataclass(frozen=True)
 class Stream:
-    """Events, with what the host needs to read them back.
+    """Events and the data that the host needs to interpret their results.
 
     Attributes:
         events: time-ordered; at equal stamps readings come before queries.
         stamps: `[M]` seconds.
-        start: `[3]` the odometry's pose at the first event.
-        query_rows: `[Q]` rows of the queries, in their order.
+        start: `[3]` odometry pose at the first event.
+        query_rows: `[Q]` rows of the queries, in order.
     """
 
     events: Events
@@ -102,24 +102,24 @@ def merge(
     use_headings: bool = False,
     world_frame: bool = False,
 ) -> Stream:
-    """One stream of what the sensors read and what is asked.
+    """Merge sensor readings and queries into one stream.
 
-    The odometry's rates are those between its poses, which every log has and which a driver's outlier in
-    its twists does not touch.
+    The odometry's rates are computed from its poses, which every log has, and which outliers in a driver's
+    reported velocities do not affect.
 
     Args:
         odometry: poses, or None.
-        yaw: turning from the IMU, or None.
-        queries: `[Q]` stamps, seconds, not decreasing, at which the motion since the last is asked for.
-        odometer_noise: of its readings.
-        imu_noise: of its readings.
-        use_poses: read the odometry's pose beside its rates, with a covariance that grows with the
-            distance, as (9) has it. Their errors are not independent of the rates'.
-        use_headings: read the IMU's heading beside its rate.
-        world_frame: rates along the world's axes instead of the robot's.
+        yaw: rotation from the IMU, or None.
+        queries: `[Q]` stamps, seconds, not decreasing, at which to return the motion since the previous one.
+        odometer_noise: noise of the odometry.
+        imu_noise: noise of the IMU.
+        use_poses: read the odometry's poses in addition to its rates, with a covariance that grows with the
+            distance, as in (9). The errors of poses and rates are not independent.
+        use_headings: read the IMU's headings in addition to its rates.
+        world_frame: take rates along the world's axes instead of the robot's.
 
     Raises:
-        ValueError: there is neither odometry nor IMU.
+        ValueError: there is neither odometry nor an IMU.
     """
     parts = [_query_part(queries)]
     start = np.zeros(3)
@@ -170,7 +170,7 @@ def _odometry_part(odometry: OdometryTrack, noise: OdometerNoise, use_poses: boo
     variance[:, :2] = (1e-4 + noise.position_per_meter**2 * distance)[:, None]
     variance[:, 2] = 1e-4 + noise.heading_per_meter**2 * distance
     if world_frame:
-        # The rates' own axes turn with the robot; both get the larger variance.
+        # The axes of the rates turn with the robot, so both world axes get the larger variance.
         heading = poses[:-1, 2] + 0.5 * step[:, 2]
         cos, sin = np.cos(heading), np.sin(heading)
         value[:, 3] = cos * rates[:, 0] - sin * rates[:, 1]
@@ -179,7 +179,7 @@ def _odometry_part(odometry: OdometryTrack, noise: OdometerNoise, use_poses: boo
     seen = np.zeros(value.shape, bool)
     seen[:, 3:] = timed[:, None]
     seen[:, :3] = use_poses
-    # The rates are those of the middle of an interval.
+    # A rate belongs to the middle of its interval.
     return stamps[1:] if use_poses else stamps[1:] - 0.5 * interval, value, variance, seen, ODOMETRY
 
 
@@ -198,5 +198,5 @@ def _imu_part(yaw: YawTrack, noise: ImuNoise, use_headings: bool, start_heading:
 
 
 def any_seen(measurement: Measurement) -> Bool[Array, "*M"]:
-    """Whether a reading has any component."""
+    """Return whether a reading has any component."""
     return jnp.any(measurement.seen, axis=-1)

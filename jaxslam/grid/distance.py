@@ -1,4 +1,4 @@
-"""Truncated distance transform of an occupancy window, in integers."""
+"""Truncated distance transforms of occupancy grids."""
 
 import jax
 import jax.numpy as jnp
@@ -7,14 +7,14 @@ from jaxtyping import Array, Bool, Float, Int, Int8, UInt8
 from jaxslam.xla.materialize import materialize
 
 MAX_RADIUS = 10
-"""Largest radius in cells whose squares fit a byte: (r² + 1) + r² ≤ 255."""
+"""Largest radius in cells for which sums of squares fit a byte: (r² + 1) + r² ≤ 255."""
 
 
 def squared_distance(occupied: Bool[Array, "H W"], radius: int) -> UInt8[Array, "H W"]:
     """Return the squared Euclidean distance in cells to the nearest occupied cell, at most `radius² + 1`.
 
     Example:
-        One occupied cell and `radius=2`: 0 there, 1 beside it, 2 across the corner, 4 two cells away, else 5.
+        With one occupied cell and `radius=2`: 0 in it, 1 beside it, 2 diagonally, 4 two cells away, else 5.
     """
     height, width = occupied.shape
     # Empty columns between the rows keep a shift of the flat array from reaching the neighboring row.
@@ -88,7 +88,7 @@ def distance_to_nearest(occupied: Bool[Array, "H W"], reach: Int[Array, ""] | in
         reach: cells; may be traced.
 
     Example:
-        One occupied cell and `reach=5`: 0 there, 1 beside it, 1.414 across the corner, 5 far away.
+        With one occupied cell and `reach=5`: 0 in it, 1 beside it, 1.414 diagonally, 5 far away.
     """
     height, width = occupied.shape
     far = jnp.float32(height + width)

@@ -10,13 +10,13 @@ from jaxslam.lidar.beams import ScanPoints, inlier_ratio
 from jaxslam.xla.materialize import materialize
 
 COARSE_FACTOR = 4
-"""Cells of the map along one side of a coarse cell."""
+"""Side of a coarse cell, in cells of the map."""
 COARSE_RADIUS = 5
 """Truncation radius of the coarse level, in coarse cells: 1 m at 5 cm cells."""
 
 
 class DistanceField(eqx.Module):
-    """Truncated squared distance to the nearest occupied cell, row after row.
+    """Truncated squared distance to the nearest occupied cell, in row-major order.
 
     Attributes:
         pairs: `[height · width]` squared cells, at most `radius² + 1`: each cell's distance in the low byte
@@ -80,8 +80,8 @@ class DistanceField(eqx.Module):
 
         Returns:
             Distance `[B]`, signed distance across the wall `[B]`, and the direction `[B, 2]` in which the
-            signed distance grows at a rate of the direction's length: the normal, or the field's gradient
-            where the normal is unknown. Distances are in cells, interpolated between cell centers.
+            signed distance grows, whose length is the rate: the normal, or the field's gradient where the
+            normal is unknown. Distances are in cells, interpolated between cell centers.
         """
         distance, slope_x, slope_y = self._interpolate(points[:, 0], points[:, 1])
         x, y = normals[:, 0], normals[:, 1]
@@ -127,7 +127,7 @@ class DistanceField(eqx.Module):
 
 
 class Field(eqx.Module):
-    """A map window prepared for scoring and matching.
+    """Distance fields of a map window, for scoring and matching.
 
     Attributes:
         fine: distances at the map's own resolution.
@@ -229,7 +229,7 @@ def field_of_map(
         ValueError: the radius is out of bounds.
     """
     height, width = occupied.shape
-    # The coarse level reaches farther than the largest radius of the fine one.
+    # The coarse level reaches farther than the largest radius of the fine level.
     reach = COARSE_RADIUS * COARSE_FACTOR
     # Twice in columns: once for points beyond the map, once for the columns that `DistanceField` discards.
     left, below = 2 * reach, reach

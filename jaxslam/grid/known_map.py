@@ -88,7 +88,7 @@ class KnownMap(eqx.Module):
         return jax.vmap(se2.compose, (None, 0))(self.origin, jnp.concatenate([points, heading], axis=-1))
 
     def to_map(self, poses: Float[Array, "N 3"]) -> Float[Array, "N 3"]:
-        """Return world poses `[N, 3]` in the frame of the map (m, m, rad)."""
+        """Return world poses `[N, 3]` in the map frame (m, m, rad)."""
         return jax.vmap(se2.relative, (None, 0))(self.origin, poses)
 
     def to_cells(self, poses: Float[Array, "N 3"]) -> Float[Array, "N 3"]:
@@ -97,7 +97,7 @@ class KnownMap(eqx.Module):
         return jnp.concatenate([local[:, :2] / self.resolution, local[:, 2:]], axis=-1)
 
     def field(self) -> Field:
-        """Return the distance field of the whole map, in the frame of the map."""
+        """Return the distance fields of the whole map, in the map frame."""
         return field_of_map(self.occupied, jnp.zeros(2, jnp.float32), self.resolution, MAX_RADIUS)
 
     def table(self, values: Float[Array, "height width"]) -> CellTable:

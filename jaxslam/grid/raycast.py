@@ -31,11 +31,11 @@ def cast(
         max_range: meters.
 
     Returns:
-        `[B]` meters, 0 where the lidar stands in an occupied cell, and `max_range` where a beam reaches
-        that far or leaves the field without a hit.
+        `[B]` meters; 0 if the lidar is in an occupied cell, `max_range` without a hit in range and field.
 
     Example:
-        1 m cells, the lidar in the center of a cell, the third cell to its right occupied: 2.5 at angle 0.
+        With 1 m cells, the lidar in the center of a cell and the third cell to its right occupied, the range
+        is 2.5 at angle 0.
     """
     scale = 1.0 / field.resolution
     heading = pose_lidar[2] + angles

@@ -1,4 +1,4 @@
-"""Lidar geometry: from ranges and bearings to points."""
+"""Lidar geometry: end points of beams and the normals of the walls they hit."""
 
 from jaxslam.lidar.beams import ScanPoints, scan_points, spread_beams
 from jaxslam.lidar.normals import surface_normals

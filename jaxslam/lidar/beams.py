@@ -1,4 +1,4 @@
-"""From ranges and bearings to points in the robot's base frame."""
+"""Conversion of ranges and bearings to points in the robot's base frame."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -54,7 +54,7 @@ def scan_points(scan: LidarScan, max_beams: int | None = None) -> ScanPoints:
 
 
 def end_points(scan: LidarScan, max_beams: int | None = None) -> tuple[Float[Array, "B 2"], Bool[Array, "B"]]:
-    """Return end points `[B, 2]` in the base frame, meters, and which beams `[B]` returned.
+    """Return end points `[B, 2]` in the base frame, meters, and whether each beam `[B]` returned.
 
     The end point of a beam without a return is the position of the lidar. Arguments as for `scan_points`.
     """
@@ -78,7 +78,7 @@ def _place(scan: LidarScan, angles: Float[Array, "B"], ranges: Float[Array, "B"]
 
 
 def inlier_ratio(inliers: Bool[Array, "B"], valid: Bool[Array, "B"]) -> Float[Array, ""]:
-    """Return the share of the valid beams `[B]` that the map explains; 0 without a valid beam."""
+    """Return the fraction of valid beams `[B]` that are inliers; 0 without a valid beam."""
     num_valid = jnp.sum(valid, dtype=jnp.float32)
     return jnp.sum(valid & inliers, dtype=jnp.float32) / jnp.maximum(num_valid, 1.0)
 

@@ -1,4 +1,4 @@
-"""Adaptive Monte-Carlo localization: where a robot is on a known map, mine (8)–(15)."""
+"""Adaptive Monte-Carlo localization on a known map, Yang et al. 2019 (8)–(15)."""
 
 from functools import partial
 from typing import Any
@@ -26,20 +26,20 @@ from jaxslam.resampling.ess import effective_sample_size, normalize
 from jaxslam.sensor.base import AbstractSensorModel
 
 _STAGE, _NUM_STAGES, _SMALLEST = 4, 4, 512
-"""Between the sizes of particle set that are compiled, how many there are, and the least: a set of 500 need
-not pay for 100 000."""
+"""Ratio of successive compiled set sizes, their largest number, and the smallest size. A set of 500 particles
+then does not pay for 100 000."""
 
 
 class AMCLState(eqx.Module):
-    """What the next step needs.
+    """State of the filter between steps.
 
     Attributes:
-        poses: `[N, 3]` base poses (m, m, rad, world frame); those from `num_particles` on mean nothing.
+        poses: `[N, 3]` base poses (m, m, rad, world frame); entries from `num_particles` on are unused.
         log_weights: `[N]` normalized log-weights; −inf from `num_particles` on.
-        num_particles: how many particles there are now, int32.
-        averages: of the scans' likelihood.
+        num_particles: current number of particles, int32.
+        averages: averages of the scans' likelihood.
         converged: whether the particles agreed after the last step.
-        num_steps: steps taken, int32.
+        num_steps: number of steps taken, int32.
     """
 
     poses: Float[Array, "N 3"]
@@ -51,18 +51,18 @@ class AMCLState(eqx.Module):
 
 
 class AMCLInfo(eqx.Module):
-    """What one step leaves for the record.
+    """Record of one step.
 
     Attributes:
         estimate: the heaviest cluster after weighting.
-        num_particles: particles that were weighed.
-        num_random: particles drawn from the whole map afterwards.
+        num_particles: number of weighted particles.
+        num_random: number of particles then drawn from the whole map.
         ess: effective sample size before resampling.
         resampled: whether the particles were resampled.
-        converged: whether they agree: nearly all of the weight in one small cluster.
-        lost: whether they agree, and the scan does not lie on the map there.
-        match_score: share of the scan's beams that end near an obstacle, seen from the estimate; NaN for a
-            scan without a return.
+        converged: whether the particles agree: nearly all of the weight is in one small cluster.
+        lost: whether the particles agree, but the scan does not match the map there.
+        match_score: share of the scan's beams that end near an obstacle at the estimate; NaN for a scan
+            without a return.
         flags: `jaxslam.core.flags.Flag` bits, int32.
     """
 
@@ -78,13 +78,13 @@ class AMCLInfo(eqx.Module):
 
 
 class Agreement(eqx.Module):
-    """When particles count as agreed, and when the agreement as wrong.
+    """Thresholds for particles that agree, and for an agreement on a wrong pose.
 
     Attributes:
-        min_weight: share of the belief that the heaviest cluster must have, 0 to 1.
-        max_deviation: and at most this standard deviation in position, meters.
-        near: a beam fits the map if it ends within so many meters of an obstacle.
-        lost_below: share of the beams that fit under which the estimate is taken to be wrong.
+        min_weight: smallest share of the total weight in the heaviest cluster, 0 to 1.
+        max_deviation: largest standard deviation of its position, meters.
+        near: a beam matches the map if it ends within this distance of an obstacle, meters.
+        lost_below: share of matching beams below which the estimate is considered wrong.
     """
 
     min_weight: float | Float[Array, ""] = 0.9
@@ -99,31 +99,30 @@ class Agreement(eqx.Module):
 class AMCL(eqx.Module):
     """Monte-Carlo localization with an adaptive number of particles.
 
-    Pass it to `jax.jit` as an argument: its floats are traced, its sizes static. The particle set has room
-    for `max_particles`; the active ones come first. A step works on the smallest of four set sizes that holds
-    the active particles, and resampling grows the set by at most one size: from 500 to 100 000 particles, for
-    example after a kidnapping, it takes three steps.
+    Pass it to `jax.jit` as an argument: its floats are traced, its sizes static. The particle arrays have
+    `max_particles` entries, the active particles first. A step works on the smallest of four set sizes that
+    holds the active particles, and resampling grows the set by at most one size. Growing from 500 to 100 000
+    particles, for example after a kidnapping, takes three steps.
 
     Attributes:
         map: the known map.
-        prepared: what the sensor model looks up on it.
-        bins: to count where particles are.
+        prepared: look-up data of the sensor model on the map.
+        bins: bins for counting particles.
         motion: p(x_t | x_{t−1}, u_t).
         sensor: p(z_t | x_t, m).
-        skipping: of beams that hardly any particle explains.
-        sampling: how many particles are needed.
-        recovery: how many of them come from the whole map.
-        clustering: where the estimate is.
-        agreement: what counts as converged and as lost.
-        resample_below: resample where the effective sample size is under this share of the active particles;
-            over 1 resamples in every step.
-        min_valid_beams: a scan with fewer among those that are looked at moves the particles by odometry
-            alone.
-        range_network: corrects the ranges of every scan first; None leaves them as they are.
+        skipping: exclusion of beams that hardly any particle explains.
+        sampling: number of particles needed.
+        recovery: share of random particles from the whole map.
+        clustering: computes the estimate.
+        agreement: thresholds for converged and lost.
+        resample_below: the particles are resampled if the effective sample size is below this share of their
+            number; over 1 resamples in every step.
+        min_valid_beams: if fewer scored beams returned, the particles move by odometry alone.
+        range_network: corrects the ranges of every scan first; None leaves them unchanged.
         max_particles: N (static).
 
     References:
-        The second paper, "mine"; Fox 2003; Thrun, Burgard, Fox, Probabilistic Robotics, tables 8.2 and 8.3.
+        Yang et al. 2019; Fox 2003; Thrun, Burgard, Fox 2005, tables 8.2 and 8.3.
     """
 
     map: KnownMap
@@ -142,12 +141,12 @@ class AMCL(eqx.Module):
     max_particles: int = eqx.field(static=True, kw_only=True)
 
     def init(self, key: PRNGKeyArray, pose0: Float[Array, "3"], covariance: Float[Array, "3 3"]) -> AMCLState:
-        """Particles around a start.
+        """Return particles around a start pose.
 
         Args:
             key: PRNG key.
             pose0: `[3]` (m, m, rad, world frame).
-            covariance: `[3, 3]` of it (m², m·rad, rad²); zeros put all particles there.
+            covariance: `[3, 3]` of `pose0` (m², m·rad, rad²); zeros put all particles at `pose0`.
         """
         factor = cholesky(covariance.astype(jnp.float32), jnp.full(3, 1e-12, jnp.float32))
         offsets = jax.random.normal(key, (self.max_particles, 3), jnp.float32) @ factor.T
@@ -155,7 +154,7 @@ class AMCL(eqx.Module):
         return self._start(poses.at[:, 2].set(se2.wrap(poses[:, 2])))
 
     def init_global(self, key: PRNGKeyArray) -> AMCLState:
-        """Particles all over the free space."""
+        """Return particles drawn uniformly over the free space."""
         return self._start(self.map.draw_free(key, self.max_particles))
 
     def _start(self, poses: Float[Array, "N 3"]) -> AMCLState:
@@ -169,7 +168,7 @@ class AMCL(eqx.Module):
         )
 
     def step(self, key: PRNGKeyArray, state: AMCLState, inputs: StepInputs) -> tuple[AMCLState, AMCLInfo]:
-        """Move, weigh, estimate, and draw as many particles as the belief needs."""
+        """Move, weight and estimate, then resample as many particles as the belief needs."""
         inputs = with_corrected_ranges(self.range_network, inputs)
         sizes = self._sizes()
         stage = jnp.sum(state.num_particles > jnp.asarray(sizes[:-1], jnp.int32), dtype=jnp.int32)
@@ -180,7 +179,7 @@ class AMCL(eqx.Module):
         return jax.lax.switch(stage, branches, key, state, inputs)
 
     def _sizes(self) -> list[int]:
-        """Sizes of particle set that are compiled, ascending, the last with room for all."""
+        """Return the compiled set sizes, ascending; the last is `max_particles`."""
         sizes = [self.max_particles]
         while len(sizes) < _NUM_STAGES and sizes[0] // _STAGE >= _SMALLEST:
             sizes.insert(0, sizes[0] // _STAGE)
@@ -189,7 +188,7 @@ class AMCL(eqx.Module):
     def _step_of(
         self, size: int, size_after: int, key: PRNGKeyArray, state: AMCLState, inputs: StepInputs
     ) -> tuple[AMCLState, AMCLInfo]:
-        """A step of the first `size` particles, after which there may be `size_after`."""
+        """Take a step with the first `size` particles; resampling returns up to `size_after`."""
         key_move, key_draw = jax.random.split(key)
         active = jnp.arange(size) < state.num_particles
         # (9), (12), (13)
@@ -208,7 +207,7 @@ class AMCL(eqx.Module):
         log_likelihood = jnp.where(jnp.isfinite(log_likelihood), log_likelihood, -jnp.inf)
         before = state.log_weights[:size]
         after = jnp.where(active, before + log_likelihood, -jnp.inf)
-        # A scan that is impossible everywhere says nothing of where.
+        # A scan that is impossible at every particle cannot weight them.
         tells = enough & jnp.any(after > -jnp.inf)
         log_weights = normalize(jnp.where(tells, after, before))
         weights = jnp.exp(log_weights)
@@ -269,7 +268,7 @@ class AMCL(eqx.Module):
         return self.clustering.around(poses, weights, start)
 
     def _inlier_ratio(self, scan: LidarScan, pose: Float[Array, "3"]) -> Float[Array, ""]:
-        """Share of the valid beams that end near an obstacle, seen from a pose; NaN without a valid beam."""
+        """Return the share of valid beams that end near an obstacle at a pose; NaN without a valid beam."""
         points, valid = end_points(scan)
         near = self.map.near_obstacles(self.agreement.near)
         inliers = near.sum_over_poses(self.map.to_map(pose[None]), points, jnp.ones(1, jnp.float32)) > 0.0
@@ -278,11 +277,11 @@ class AMCL(eqx.Module):
     def _resample(
         self, count: int, particles: "_Particles"
     ) -> tuple[Int[Array, ""], Float[Array, "count 3"], Float[Array, "count"], Int[Array, ""]]:
-        """As many particles as are needed, by weight or from the whole map, one independent of the other.
+        """Draw as many particles as are needed, each independently, by weight or from the whole map.
 
         Returns:
-            How many; `[count, 3]` poses and `[count]` log-weights, of which so many count; and how many of
-            them are from the whole map.
+            Their number; `[count, 3]` poses and `[count]` log-weights, of which the first entries up to this
+            number are used; and how many of them are from the whole map.
         """
         key, poses, log_weights, _, random_share = particles
         key_pick, key_which, key_random = jax.random.split(key, 3)
@@ -294,7 +293,7 @@ class AMCL(eqx.Module):
             is_random = jax.random.uniform(key_which, (count,), jnp.float32) < random_share
             return is_random, jnp.where(is_random[:, None], self.map.draw_free(key_random, count), picked)
 
-        # Hardly ever, and drawing them takes as long as all the rest.
+        # Rarely needed, and drawing them takes as long as the rest of the resampling.
         is_random, drawn = jax.lax.cond(random_share > 0.0, mixed, lambda: (jnp.zeros(count, bool), picked))
         bins = self.bins.index(self.map, drawn)
         num_needed = self.sampling.num_needed(bins, self.bins.count)
@@ -304,13 +303,13 @@ class AMCL(eqx.Module):
 
 
 _Particles = tuple[PRNGKeyArray, Float[Array, "n 3"], Float[Array, "n"], Int[Array, ""], Float[Array, ""]]
-"""A key, poses and log-weights, how many active, and the share of random ones."""
+"""Key, poses, log-weights, number of particles and share of random particles."""
 
 
 def _keep(
     count: int, particles: _Particles
 ) -> tuple[Int[Array, ""], Float[Array, "count 3"], Float[Array, "count"], Int[Array, ""]]:
-    """The particles as they are, with room for `count`."""
+    """Return the particles unchanged, in arrays of `count` entries."""
     _, poses, log_weights, num_particles, _ = particles
     size = poses.shape[0]
     room = jnp.zeros((count, 3), jnp.float32).at[:size].set(poses)

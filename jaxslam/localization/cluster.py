@@ -1,4 +1,4 @@
-"""One pose from many particles: the heaviest cluster, not the mean over all."""
+"""A pose estimate from many particles: the heaviest cluster instead of the overall mean."""
 
 import equinox as eqx
 import jax
@@ -10,12 +10,12 @@ from jaxslam.core.validation import require_at_least_zero
 
 
 class Cluster(eqx.Module):
-    """Particles that lie together.
+    """A cluster of particles.
 
     Attributes:
         mean: `[3]` (m, m, rad, world frame).
         covariance: `[3, 3]` (m², m·rad, rad²).
-        weight: share of the whole belief, 0 to 1.
+        weight: share of the total weight, 0 to 1.
     """
 
     mean: Float[Array, "*batch 3"]
@@ -24,20 +24,20 @@ class Cluster(eqx.Module):
 
     @property
     def deviation(self) -> Float[Array, "*batch"]:
-        """Standard deviation of the position: root of the sum of both variances, meters."""
+        """Return the standard deviation of the position: root of the sum of both variances, meters."""
         return jnp.sqrt(self.covariance[..., 0, 0] + self.covariance[..., 1, 1])
 
 
 def heaviest_particle(
     poses: Float[Array, "N 3"], weights: Float[Array, "N"], bins: Int[Array, "N"], num_bins: int
 ) -> Float[Array, "3"]:
-    """The heaviest particle of the heaviest bin: a start that is no lonely one with a lucky scan.
+    """Return the heaviest particle of the heaviest bin, so that an isolated particle is never chosen.
 
     Args:
         poses: `[N, 3]` (m, m, rad, world frame).
-        weights: `[N]`; 0 for those that do not count.
-        bins: `[N]` of each.
-        num_bins: how many there are (static).
+        weights: `[N]`; 0 for unused particles.
+        bins: `[N]` bin of each particle.
+        num_bins: total number of bins (static).
     """
     totals = jax.ops.segment_sum(weights, bins, num_bins)[bins]
     in_heaviest = totals >= jnp.max(totals)
@@ -45,14 +45,14 @@ def heaviest_particle(
 
 
 class Clustering(eqx.Module):
-    """Mean shift from a start: the window goes to the mean of what lies in it, until that is all.
+    """Mean shift: the window moves to the mean of the particles in it, repeatedly.
 
-    The mean over all particles would lie between two rooms that look alike, where the robot is not.
+    The mean over all particles could lie between two similar rooms, where the robot is not.
 
     Attributes:
-        reach: particles within so many meters of the mean belong to the cluster.
-        reach_rotation: and within so many radians.
-        num_shifts: of the window (static).
+        reach: largest distance of a cluster's particles from its mean, meters.
+        reach_rotation: largest heading difference of a cluster's particles from its mean, radians.
+        num_shifts: number of window shifts (static).
     """
 
     reach: float | Float[Array, ""] = 1.0
@@ -65,11 +65,11 @@ class Clustering(eqx.Module):
     def around(
         self, poses: Float[Array, "N 3"], weights: Float[Array, "N"], start: Float[Array, "3"]
     ) -> Cluster:
-        """The cluster that a start pose leads to.
+        """Return the cluster found from a start pose.
 
         Args:
             poses: `[N, 3]` (m, m, rad, world frame).
-            weights: `[N]` normalized; 0 for those that do not count.
+            weights: `[N]` normalized; 0 for unused particles.
             start: `[3]` in or near the cluster, such as its heaviest particle.
         """
 

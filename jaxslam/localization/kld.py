@@ -1,4 +1,4 @@
-"""KLD sampling: as many particles as the spread of the belief needs."""
+"""KLD sampling: a number of particles that follows the spread of the belief."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ from jaxslam.grid.known_map import KnownMap
 
 
 class Bins(eqx.Module):
-    """A grid over poses, to count where particles are.
+    """A grid over poses, for counting particles per bin.
 
     Attributes:
         translation: side of a bin, meters.
@@ -26,12 +26,12 @@ class Bins(eqx.Module):
 
     @classmethod
     def over(cls, map: KnownMap, translation: float, rotation: float) -> "Bins":
-        """Bins over a map.
+        """Return bins over a map.
 
         Args:
             map: the map.
             translation: side of a bin, meters.
-            rotation: width of a bin, radians; made a whole part of the circle.
+            rotation: width of a bin, radians; adjusted so that bins divide the circle equally.
         """
         height, width = map.shape
         resolution = float(map.resolution)
@@ -44,11 +44,11 @@ class Bins(eqx.Module):
 
     @property
     def count(self) -> int:
-        """How many bins there are."""
+        """Return the number of bins."""
         return self.num_headings * self.rows * self.columns
 
     def index(self, map: KnownMap, poses: Float[Array, "N 3"]) -> Int[Array, "N"]:
-        """The bin `[N]` of each pose `[N, 3]` (world frame); off the map it is that at its edge."""
+        """Return the bin `[N]` of each pose `[N, 3]` (world frame); off the map, the bin at its edge."""
         cells = map.to_cells(poses)
         scale = map.resolution / self.translation
         column = jnp.clip(jnp.floor(cells[:, 0] * scale), 0, self.columns - 1).astype(jnp.int32)
@@ -60,24 +60,24 @@ class Bins(eqx.Module):
 
 
 class KLDSampling(eqx.Module):
-    r"""How many particles keep the belief within `error` of its true shape, with probability 1 − δ.
+    r"""Number of particles that keeps the belief within `error` of its true shape, with probability 1 − δ.
 
-    The distance is the Kullback-Leibler divergence between a histogram of the belief and what the samples
-    show of it; the bound depends on the number $k$ of bins that have samples:
+    The distance is the Kullback-Leibler divergence between the belief's histogram and that of the samples.
+    The bound depends on the number $k$ of bins that have samples:
 
     $n = \frac{k-1}{2\epsilon}\left(1 - \frac{2}{9(k-1)} + \sqrt{\frac{2}{9(k-1)}}\,z_{1-\delta}\right)^3$
 
     Attributes:
         error: ε, bound on the divergence, nats, > 0.
         quantile: $z_{1-\delta}$, quantile of the standard normal distribution: 2.326 for δ = 0.01.
-        min_particles: never fewer.
+        min_particles: lower limit on the number of particles.
 
     References:
-        Fox, Adapting the sample size in particle filters through KLD-sampling, IJRR 22, 2003, (13) and
+        Fox 2003, Adapting the sample size in particle filters through KLD-sampling, IJRR 22, (13) and
         table 4.
 
     Example:
-        ε = 0.05, z = 2.326: 1 bin asks for `min_particles`, 2 for 66, 10 for 217 and 100 for 1347.
+        ε = 0.05, z = 2.326: 1 bin needs `min_particles`, 2 bins 66 particles, 10 need 217 and 100 need 1347.
     """
 
     error: float | Float[Array, ""] = 0.05
@@ -88,7 +88,7 @@ class KLDSampling(eqx.Module):
         require_at_least_zero(self, positive=("error", "min_particles"))
 
     def bound(self, num_bins: Int[Array, "*batch"]) -> Float[Array, "*batch"]:
-        """Particles needed for so many bins with samples in them."""
+        """Return the number of particles needed if `num_bins` bins have samples."""
         freedom = jnp.maximum(num_bins.astype(jnp.float32) - 1.0, 1.0)
         ratio = 2.0 / (9.0 * freedom)
         needed = freedom / (2.0 * self.error) * (1.0 - ratio + jnp.sqrt(ratio) * self.quantile) ** 3
@@ -96,14 +96,14 @@ class KLDSampling(eqx.Module):
         return jnp.maximum(needed, self.min_particles)
 
     def num_needed(self, bins: Int[Array, "N"], num_bins: int) -> Int[Array, ""]:
-        """How many of a sequence of samples are enough: the first n that the bound of its first n allows.
+        """Return how many samples of a sequence suffice: the first n that meets the bound of its n samples.
 
         Args:
             bins: `[N]` bin of each sample, in the order in which they were drawn independently.
-            num_bins: how many bins there are (static).
+            num_bins: total number of bins (static).
 
         Returns:
-            1 to N; N where that many are not enough.
+            1 to N; N if all samples together do not suffice.
         """
         count = bins.shape[0]
         order = jnp.arange(count, dtype=jnp.int32)

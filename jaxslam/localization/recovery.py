@@ -1,4 +1,4 @@
-"""Augmented Monte-Carlo localization: random particles when the scans fit worse than they used to."""
+"""Augmented Monte-Carlo localization: random particles when scans fit worse than before."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,10 +11,10 @@ class Averages(eqx.Module):
     """Two running averages of the scans' mean likelihood.
 
     Attributes:
-        slow: over many updates.
-        fast: over few.
-        slow_weight: how much of `slow` is data yet, 0 to 1.
-        fast_weight: and of `fast`.
+        slow: average over many updates.
+        fast: average over few updates.
+        slow_weight: total weight of the data in `slow`, 0 to 1.
+        fast_weight: total weight of the data in `fast`, 0 to 1.
     """
 
     slow: Float[Array, ""]
@@ -24,33 +24,34 @@ class Averages(eqx.Module):
 
     @classmethod
     def none(cls) -> "Averages":
-        """Before the first scan."""
+        """Return the averages before the first scan."""
         zero = jnp.zeros((), jnp.float32)
         return cls(zero, zero, zero, zero)
 
 
 class Recovery(eqx.Module):
-    r"""The share of random particles: $\max(0,\ 1 - w_{fast} / (\nu\, w_{slow}))$.
+    r"""Share of random particles: $\max(0,\ 1 - w_{fast} / (\nu\, w_{slow}))$.
 
-    Started at 0, as the book has it, the slow average would take 1/α updates to tell anything; both are
-    divided by the share of data in them, which makes them the plain mean at first.
+    The slow average starts at 0 in the book, and would need 1/α updates to become meaningful. Both averages
+    are therefore divided by the total weight of their data, so that they start as plain means.
 
-    The likelihood is that of one beam: products of many differ by powers of ten from one scan to the next,
-    and the averages would follow the luckiest.
+    The likelihood is that of a single beam: products over many beams differ by powers of ten between scans,
+    and the averages would follow the largest value.
 
-    Two things are not the book's. While the scan does not lie on the map, the slow average waits: it would
-    come down to what is wrong, and the random particles would stop before the robot is found. And where the
-    particles agree on such a place, some are random however long it has been so.
+    Two rules extend the book. While the scan does not match the map, the slow average is not updated:
+    otherwise it would fall to the likelihood of wrong poses, and random particles would stop before the robot
+    is found. And while the particles agree on such a pose, a fixed share is random, for any length of time.
 
     Attributes:
-        slow: α_slow, weight of a new scan in the slow average; 0 switches the recovery off.
-        fast: α_fast, in the fast one, > `slow`.
-        drop: ν, share of the slow average under which the fast one must fall: a room that the map shows badly
-            is no kidnapping. 1 is the book's.
-        lost_share: random particles while they agree on a place where the scan does not lie on the map.
+        slow: α_slow, weight of a new scan in the slow average; 0 disables the recovery.
+        fast: α_fast, weight of a new scan in the fast average, > `slow`.
+        drop: ν, share of the slow average below which the fast one must fall, so that a poorly mapped room
+            does not count as a kidnapping. The book has 1.
+        lost_share: share of random particles while the particles agree on a pose at which the scan does not
+            match the map.
 
     References:
-        Thrun, Burgard, Fox, Probabilistic Robotics, table 8.3.
+        Thrun, Burgard, Fox 2005, table 8.3.
     """
 
     slow: float | Float[Array, ""] = 0.01
@@ -67,13 +68,13 @@ class Recovery(eqx.Module):
     def update(
         self, averages: Averages, log_likelihood: Float[Array, ""], misfit: Bool[Array, ""]
     ) -> Averages:
-        """The averages after a scan.
+        """Return the averages after a scan.
 
         Args:
-            averages: before it.
-            log_likelihood: natural log of its mean likelihood over the particles, by beam; −inf for a scan
-                that nothing fits. A NaN changes nothing.
-            misfit: whether it does not lie on the map at the estimate.
+            averages: the averages before the scan.
+            log_likelihood: natural log of the scan's mean likelihood over the particles, per beam; −inf if
+                the scan fits no particle. A NaN leaves the averages unchanged.
+            misfit: whether the scan does not match the map at the estimate.
         """
         likelihood = jnp.exp(log_likelihood)
         told = jnp.isfinite(likelihood)
@@ -88,11 +89,11 @@ class Recovery(eqx.Module):
         )
 
     def share(self, averages: Averages, lost: Bool[Array, ""]) -> Float[Array, ""]:
-        """Share of random particles, 0 to 1; table 8.3, line 13.
+        """Return the share of random particles, 0 to 1; table 8.3, line 13.
 
         Args:
-            averages: of the scans.
-            lost: whether the particles agree on a place where the scan does not lie on the map.
+            averages: the averages of the likelihood.
+            lost: whether the particles agree on a pose at which the scan does not match the map.
         """
         slow = averages.slow / jnp.maximum(averages.slow_weight, 1e-12)
         fast = averages.fast / jnp.maximum(averages.fast_weight, 1e-12)

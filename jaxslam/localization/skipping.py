@@ -1,4 +1,4 @@
-"""Beam skipping: leave out the beams that hardly any particle explains."""
+"""Beam skipping: exclusion of beams that hardly any particle explains."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,16 +11,16 @@ from jaxslam.lidar.beams import end_points, spread_beams
 
 
 class BeamSkipping(eqx.Module):
-    """Leaves out the beams that hardly any particle explains: people, and what has been moved.
+    """Exclusion of beams that hardly any particle explains, such as beams on people and moved objects.
 
-    Only once the particles agree: before that most of them are elsewhere.
+    Beams are skipped only once the particles agree; before that, most particles are at wrong poses.
 
     Attributes:
-        near: a beam agrees with the map if it ends within so many meters of an obstacle.
-        min_share: beams that agree for a smaller share of the particles are left out.
-        max_skipped: where more than this share of the beams would be left out, none is: then the particles
-            are wrong and not the beams.
-        enabled: whether it is done at all (static).
+        near: a beam matches the map if it ends within this distance of an obstacle, meters.
+        min_share: beams that match for a smaller share of the particles are skipped.
+        max_skipped: if more than this share of the beams would be skipped, none is, since the particles are
+            then more likely wrong than the beams.
+        enabled: whether beams are skipped at all (static).
     """
 
     near: float | Float[Array, ""] = 0.5
@@ -34,7 +34,7 @@ class BeamSkipping(eqx.Module):
     def kept(
         self, shares: Float[Array, "B"], valid: Bool[Array, "B"], converged: Bool[Array, ""]
     ) -> Bool[Array, "B"]:
-        """Which of the valid beams `[B]` are used.
+        """Return which of the valid beams `[B]` are used.
 
         Args:
             shares: `[B]` share of the particles for which a beam ends near an obstacle.
@@ -61,7 +61,7 @@ class BeamSkipping(eqx.Module):
             map: the known map.
             scan: ranges `[B]` in meters and mask `[B]`.
             poses: `[N, 3]` base poses in the frame of the map (m, m, rad).
-            active: `[N]` which particles count.
+            active: `[N]` which particles are in use.
             converged: whether the particles agree.
             max_beams: beams that the sensor model scores, evenly spread over the scan.
         """

@@ -1,4 +1,4 @@
-"""Particles around a given start pose."""
+"""Initial particles around a given start pose."""
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ from jaxslam.localization.amcl import AMCL, AMCLState
 def start_at(
     amcl: AMCL, key: PRNGKeyArray, pose: tuple[float, float, float], deviations: tuple[float, float]
 ) -> AMCLState:
-    """Particles around a known start.
+    """Return particles around a known start pose.
 
     Args:
         amcl: the filter.
@@ -21,7 +21,7 @@ def start_at(
         deviations: standard deviation of x and y, meters, and of the heading, radians.
 
     Raises:
-        ValueError: the start is not on the map, or not in its free space.
+        ValueError: the start is off the map or not in its free space.
     """
     check_start(amcl.map, pose)
     deviation, rotation = deviations
@@ -44,5 +44,5 @@ def check_start(map: KnownMap, pose: tuple[float, float, float]) -> None:
         )
     if not bool(map.is_free(jnp.asarray(pose, jnp.float32))):
         occupied = bool(map.occupied[int(row), int(column)])
-        what = "in a wall" if occupied else "where the map knows nothing"
-        raise ValueError(f"{here} is {what}: give one in free space, or --global")
+        what = "in a wall" if occupied else "in unknown space"
+        raise ValueError(f"{here} is {what}: give a pose in free space, or --global")

@@ -1,4 +1,4 @@
-"""Correlative scan matching: exhaustive search, coarse first, for when the pose is lost."""
+"""Correlative scan matching: exhaustive search, coarse then fine, for a particle that has lost the map."""
 
 import equinox as eqx
 import jax
@@ -14,19 +14,19 @@ from jaxslam.matching.gauss_newton import PosePrior
 
 
 class CorrelativeSearch(eqx.Module):
-    """Best-scoring pose of a lattice around a start, on the coarse field and then on the fine one.
+    """Best-scoring pose on a lattice around a start, on the coarse field and then on the fine one.
 
-    The score of a pose is the sum over beams of exp(−d²/2σ²) times `beam_score` plus the prior's log.
+    The score of a pose is `beam_score` times the sum over beams of exp(−d²/2σ²), plus the log of the prior.
 
     Attributes:
         reach: half the side of the searched square, meters.
         reach_rotation: half the searched angle, radians.
-        sigma_cells: σ, cells of the level that is searched.
-        beam_score: what one beam on an obstacle is worth against the prior, nats.
-        unseen_score: what one in space not yet seen is worth, as a share of that.
+        sigma_cells: σ, in cells of the searched level.
+        beam_score: score of one beam on an obstacle relative to the prior, nats.
+        unseen_score: score of a beam in unseen space, as a share of `beam_score`.
         num_translations: lattice points along x and y on the coarse level (static, odd).
         num_rotations: headings on the coarse level (static, odd).
-        num_beams: beams looked at on the coarse level (static).
+        num_beams: beams scored on the coarse level (static).
 
     References:
         Olson 2009, Real-time correlative scan matching (two resolutions).
@@ -48,7 +48,7 @@ class CorrelativeSearch(eqx.Module):
     def search(
         self, field: Field, ends: ScanPoints, start: Float[Array, "3"], prior: PosePrior
     ) -> Float[Array, "3"]:
-        """Best pose `[3]` found; the start itself is a lattice point."""
+        """Return the best pose `[3]` of the lattice; the start itself is a lattice point."""
         total = ends.valid.shape[0]
         spread = spread_beams(total, self.num_beams)
         few = ScanPoints(ends.points[spread], ends.valid[spread], ends.normals[spread])
@@ -57,7 +57,7 @@ class CorrelativeSearch(eqx.Module):
         step_rotation = 2 * self.reach_rotation / (self.num_rotations - 1)
         coarse = _lattice(self.num_translations, self.num_rotations, step, step_rotation)
         found = self._best(field.coarse, few, start, prior, coarse, share)
-        # Seven points a side over ±½ coarse step: at most one fine cell apart.
+        # Seven points per side over ±½ coarse step: at most one fine cell apart.
         fine = _lattice(7, 5, step / 6, step_rotation / 4)
         return self._best(field.fine, ends, found, prior, fine, 1.0)
 
@@ -70,7 +70,7 @@ class CorrelativeSearch(eqx.Module):
         lattice: Float[Array, "headings offsets 3"],
         share: float,
     ) -> Float[Array, "3"]:
-        """Highest-scoring of center + lattice, one heading at a time so that memory stays small."""
+        """Return the best of center + lattice, one heading at a time to limit memory."""
 
         def heading(
             offsets: Float[Array, "offsets 3"],

@@ -12,7 +12,7 @@ from jaxslam.grid.field import DistanceField
 from jaxslam.lidar.beams import ScanPoints
 
 DAMPING = 1e-3
-"""Keeps the normal matrix invertible where neither field nor prior says anything."""
+"""Keeps the normal matrix invertible where neither field nor prior constrains the pose."""
 
 
 class PosePrior(eqx.Module):
@@ -20,37 +20,37 @@ class PosePrior(eqx.Module):
 
     Attributes:
         mean: `[3]` (m, m, rad, world frame).
-        precision: `[3, 3]` its inverse covariance.
+        precision: `[3, 3]` inverse covariance.
     """
 
     mean: Float[Array, "3"]
     precision: Float[Array, "3 3"]
 
     def log_prob(self, pose: Float[Array, "3"]) -> Float[Array, ""]:
-        """Natural log up to a constant, 0 at the mean."""
+        """Return the natural log up to a constant, 0 at the mean."""
         offset = _offset(self.mean, pose)
         return -0.5 * offset @ (self.precision @ offset)
 
 
 class GaussNewton(eqx.Module):
-    r"""Minimizes $\sum_k w_k e_k^2 / s^2$ plus the prior's quadratic.
+    r"""Gauss–Newton minimization of $\sum_k w_k e_k^2 / s^2$ plus the prior's quadratic.
 
-    $e_k$ is the distance of an end point from the nearest obstacle, across the wall that its neighbors in
-    the scan show (point to line), or straight where they show none. $w_k$ = exp(−d²/2σ²), times
-    `point_weight` for those without a wall, over 1 + (range / `half_range`)².
+    $e_k$ is the distance of an end point from the nearest obstacle, across the wall given by the neighboring
+    end points (point to line), or the Euclidean distance where no wall is found. $w_k$ is exp(−d²/2σ²), times
+    `point_weight` without a wall, divided by 1 + (range / `half_range`)².
 
     Attributes:
-        sigma_cells: σ, width of the basin, cells of the field it runs on.
-        residual_scale: s, meters that count as much as one standard deviation of the prior.
-        point_weight: what an end point without a wall counts for: the way to its nearest obstacle is
-            often one along a wall.
-        half_range: range at which an end point counts half, meters.
-        max_step_cells: a step is shortened to this many cells.
-        max_step_rotation: and to this many radians.
-        num_iterations: always this many (static).
+        sigma_cells: σ, width of the basin, in cells of the field used.
+        residual_scale: s, distance that counts as one standard deviation of the prior, meters.
+        point_weight: weight of an end point without a wall; its nearest obstacle is often beside it along a
+            wall.
+        half_range: range at which the weight of an end point is halved, meters.
+        max_step_cells: limit on a step's translation, cells.
+        max_step_rotation: limit on a step's rotation, radians.
+        num_iterations: fixed number of iterations (static).
 
     References:
-        Censi 2008 (point to line), on the likelihood field's distances; the weights are ours.
+        Censi 2008 (point to line), with distances from the likelihood field; the weights are ours.
     """
 
     sigma_cells: float | Float[Array, ""] = 1.75
@@ -68,7 +68,7 @@ class GaussNewton(eqx.Module):
     def match(
         self, field: DistanceField, ends: ScanPoints, start: Float[Array, "3"], prior: PosePrior
     ) -> Float[Array, "3"]:
-        """Pose `[3]` after the iterations from `start`; the caller compares scores."""
+        """Return the pose `[3]` after the iterations from `start`; the caller compares scores."""
 
         def iterate(_: Int[Array, ""], pose: Float[Array, "3"]) -> Float[Array, "3"]:
             normal, gradient = self._linearize(field, ends, pose)
@@ -85,14 +85,14 @@ class GaussNewton(eqx.Module):
     def _linearize(
         self, field: DistanceField, ends: ScanPoints, pose: Float[Array, "3"]
     ) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
-        """Normal matrix JᵀWJ / s² and right-hand side −JᵀWe / s²."""
+        """Return the normal matrix JᵀWJ / s² and the right-hand side −JᵀWe / s²."""
         arms, normals = se2.rotate_all(pose[2], ends.points), se2.rotate_all(pose[2], ends.normals)
         distance, across, direction = field.across(arms + pose[None, :2], normals)
         flat = (ends.normals[:, 0] != 0.0) | (ends.normals[:, 1] != 0.0)
         weight = jnp.exp(-0.5 * distance * distance / self.sigma_cells**2)
         weight = weight * jnp.where(flat, 1.0, self.point_weight)
         weight = weight / (1.0 + jnp.sum(ends.points * ends.points, axis=1) / self.half_range**2)
-        # Where the distance is cut off, nothing is known of it.
+        # Where the distance is truncated, its true value is unknown.
         near = distance < field.radius
         weight = jnp.where(ends.valid & near, weight, 0.0) / self.residual_scale**2
         residual = -across * field.resolution

@@ -1,4 +1,4 @@
-"""A look round before the match: the heading from which the matcher starts."""
+"""A search over headings that gives the matcher its start."""
 
 import equinox as eqx
 import jax
@@ -13,19 +13,19 @@ from jaxslam.lidar.beams import ScanPoints, spread_beams
 
 
 class HeadingSearch(eqx.Module):
-    """Best-scoring of evenly spaced headings around the one that odometry predicts.
+    """Best-scoring of evenly spaced headings around the odometry's prediction.
 
-    Odometry is worse in heading than the matcher's basin is wide, and a draw from the motion model may
-    lie on its far side: on sparse logs a third of the matches from draws ended more than 3° off, and with
-    this one in thirty at most.
+    The heading error of odometry can exceed the width of the matcher's basin, so a draw from the motion
+    model may start outside the basin. On sparse logs, this search reduces matches more than 3° off from a
+    third of all matches to at most one in thirty.
 
     Attributes:
-        reach: largest turn looked at, standard deviations of the prediction.
-        sigma_cells: width of the score exp(−d²/2σ²) of a beam, cells of the level searched.
-        beam_score: what one beam on an obstacle is worth against the prediction, nats.
-        unseen_score: what one in space not yet seen is worth, as a share of that.
-        num_headings: how many are looked at (static, odd).
-        num_beams: beams that are scored, evenly spread over the scan (static).
+        reach: largest turn tried, standard deviations of the prediction.
+        sigma_cells: width of the score exp(−d²/2σ²) of a beam, in cells of the searched level.
+        beam_score: score of one beam on an obstacle relative to the prediction, nats.
+        unseen_score: score of a beam in unseen space, as a share of `beam_score`.
+        num_headings: number of headings tried (static, odd).
+        num_beams: number of beams that are scored, evenly spread over the scan (static).
     """
 
     reach: float | Float[Array, ""] = 3.0
@@ -47,14 +47,14 @@ class HeadingSearch(eqx.Module):
         heading: Float[Array, ""],
         sigma: Float[Array, ""],
     ) -> Float[Array, "3"]:
-        """Pose `[3]` at the position (m), turned to the best heading.
+        """Return the pose `[3]` at the given position (m) with the best heading.
 
         Args:
-            level: the field to search, best a coarse one.
+            level: the field to search, preferably a coarse one.
             ends: the scan.
-            position: `[2]` where the robot stands, meters; it is not changed.
-            heading: predicted, radians.
-            sigma: its standard deviation, radians.
+            position: `[2]` position of the robot, meters; it is not changed.
+            heading: predicted heading, radians.
+            sigma: standard deviation of the prediction, radians.
         """
         chosen = spread_beams(ends.valid.shape[0], self.num_beams)
         points, valid = ends.points[chosen], ends.valid[chosen]

@@ -1,4 +1,4 @@
-"""Iterative closest points: against a particle's map, and of one scan against another."""
+"""Iterative closest points: a scan against a particle's map, or against another scan."""
 
 import equinox as eqx
 import jax
@@ -15,16 +15,16 @@ _EMPTY = 1e-6
 
 
 class Alignment(eqx.Module):
-    """What an alignment ended with.
+    """The result of an alignment.
 
     Attributes:
         pose: `[3]` (m, m, rad), in the frame of the target.
-        error: root mean square distance of the points kept from their partners, meters; infinite where
-            there were none.
-        covariance: `[3, 3]` of the pose: the residuals' variance times the inverse of what the walls seen
-            say about it, so that it is long where they say little, as along a corridor.
-        num_inliers: points kept at the end.
-        converged: whether it stopped moving within the iterations.
+        error: root mean square distance of the inliers from their partners, meters; infinite without
+            inliers.
+        covariance: `[3, 3]` of the pose: the residuals' variance times the inverse information of the walls
+            seen, so it is large in directions that no wall constrains, as along a corridor.
+        num_inliers: number of inliers at the end.
+        converged: whether it converged within the iterations.
     """
 
     pose: Float[Array, "3"]
@@ -35,25 +35,25 @@ class Alignment(eqx.Module):
 
 
 class ICP(eqx.Module):
-    r"""Minimizes $E(R,T)=\frac1{n_C}\sum\|l_i-Rc_i-T\|^2$, tobacco (13)–(15).
+    r"""Minimization of $E(R,T)=\frac1{n_C}\sum\|l_i-Rc_i-T\|^2$, Liang et al. (13)–(15).
 
-    Partners $l_i$ of the points $c_i$: the nearest obstacle of the map, from the gradient of its distance
-    field, first of the coarse one and then of the fine one. Pairs much farther apart than the others are
+    The partner $l_i$ of a point $c_i$ is the nearest obstacle of the map, found with the gradient of the
+    distance field, first the coarse one and then the fine one. Pairs much farther apart than the average are
     trimmed.
 
     Attributes:
-        trim: pairs farther apart than so many times the mean distance of all are left out.
-        least_trim: but none nearer than this, meters.
-        point_weight: what an end point without a wall counts for.
-        half_range: range at which an end point counts half, meters.
-        relaxation: factor on every step, under 2. The points on one wall hold back those on another, so a
-            step of the plain algorithm, 1, goes only part of the way.
-        tolerance: converged when a step is shorter than this, meters, and turns by less than as many
+        trim: pairs farther apart than this multiple of the mean distance are trimmed.
+        least_trim: pairs nearer than this are never trimmed, meters.
+        point_weight: weight of an end point without a wall.
+        half_range: range at which the weight of an end point is halved, meters.
+        relaxation: factor on every step, under 2. In the plain algorithm (factor 1), points on one wall hold
+            back points on another, so that a step covers only part of the distance.
+        tolerance: a step counts as converged if it moves less than this, meters, and turns less than this,
             radians.
-        across_walls: partners on the map lie straight across the wall that a point's neighbors show, and not
-            at the nearest obstacle, which at the end of what the map knows would draw the scan back (static).
-        coarse_iterations: iterations on the coarse field (static); then
-        num_iterations: on the fine one (static). A particle that has converged stays where it is.
+        across_walls: take partners straight across the wall given by a point's neighbors instead of at the
+            nearest obstacle, which would pull the scan back at the end of the mapped area (static).
+        coarse_iterations: iterations on the coarse field (static).
+        num_iterations: iterations on the fine field (static). A particle that has converged stops moving.
     """
 
     trim: float | Float[Array, ""] = 2.5
@@ -70,16 +70,16 @@ class ICP(eqx.Module):
         require_at_least_zero(self, positive=("trim", "half_range", "relaxation"))
 
     def match(self, field: Field, ends: ScanPoints, start: Float[Array, "3"]) -> Alignment:
-        """Aligns a scan with a map, from the base pose `start` `[3]` in the world frame."""
+        """Align a scan with a map, from the base pose `start` `[3]` in the world frame."""
         coarse = self._iterate(field.coarse, ends, start, self.coarse_iterations)[0]
         pose, converged = self._iterate(field.fine, ends, coarse, self.num_iterations)
         partners, distance, known = self._on_map(field.fine, ends, pose)
         return self._finish(ends, pose, converged, partners, distance, ends.valid & known)
 
     def match_scans(self, target: ScanPoints, ends: ScanPoints, start: Float[Array, "3"]) -> Alignment:
-        """Aligns a scan with another one: the pose of its base in the other's, from a first guess `[3]`.
+        """Align a scan with another one, from an initial guess `[3]` of its base pose in the other's frame.
 
-        Plain laser odometry. The nearest point of the other scan is found among all, B² distances.
+        This is plain laser odometry. The nearest point is searched among all points, at B² distances.
         """
 
         def partners_of(pose: Float[Array, "3"]) -> tuple[Array, Array, Array]:
@@ -122,24 +122,24 @@ class ICP(eqx.Module):
     def _on_map(
         self, field: DistanceField, ends: ScanPoints, pose: Float[Array, "3"]
     ) -> tuple[Float[Array, "B 2"], Float[Array, "B"], Bool[Array, "B"]]:
-        """Partner of each end point on the map, how far its nearest obstacle is (m), and if that is known."""
+        """Return each end point's partner on the map, its obstacle distance (m), and if that is known."""
         points = se2.apply(pose, ends.points)
         normals = se2.rotate_all(pose[2], ends.normals) if self.across_walls else jnp.zeros_like(points)
         distance, across, direction = field.across(points, normals)
-        # The bilinear slope is shorter than 1 at ridges and beside obstacles; the way to one is not.
+        # The bilinear slope is shorter than 1 at ridges and beside obstacles, so it is normalized.
         length = jnp.maximum(jnp.hypot(direction[:, 0], direction[:, 1]), _EMPTY)
         partners = points - direction * (across * field.resolution / length)[:, None]
         return partners, distance * field.resolution, distance < field.radius
 
     def _inliers(self, distance: Float[Array, "B"], usable: Bool[Array, "B"]) -> Float[Array, "B"]:
-        """1 for the pairs that are kept, 0 for the others."""
+        """Return 1 for inliers and 0 for other pairs."""
         count, total = sums((usable.astype(jnp.float32), jnp.where(usable, distance, 0.0)))
         mean = total / jnp.maximum(count, 1.0)
         near = distance <= jnp.maximum(self.trim * mean, self.least_trim)
         return (usable & near).astype(jnp.float32)
 
     def _worth(self, ends: ScanPoints) -> Float[Array, "B"]:
-        """What each end point counts for, by its range and whether its wall is known."""
+        """Return the weight of each end point, from its range and whether its wall is known."""
         flat = (ends.normals[:, 0] != 0.0) | (ends.normals[:, 1] != 0.0)
         squared = jnp.sum(ends.points * ends.points, axis=1)
         return jnp.where(flat, 1.0, self.point_weight) / (1.0 + squared / self.half_range**2)
@@ -168,17 +168,17 @@ class ICP(eqx.Module):
 def rigid_fit(
     points: Float[Array, "B 2"], partners: Float[Array, "B 2"], weights: Float[Array, "B"]
 ) -> Float[Array, "3"]:
-    """The pose `[3]` that brings points nearest to their partners, in weighted least squares.
+    """Return the pose `[3]` that moves points onto their partners with the least weighted squared error.
 
     In the plane the rotation U Vᵀ of the singular value decomposition has a closed form: the angle of the
-    sums of dot and cross products about the centroids. With no weight at all the pose is the identity.
+    sums of dot and cross products about the centroids. If all weights are zero, the pose is the identity.
 
     Args:
         points: `[B, 2]` meters.
-        partners: `[B, 2]` meters, in the frame that the pose is given in.
+        partners: `[B, 2]` meters, in the frame of the returned pose.
         weights: `[B]` ≥ 0.
     """
-    # Far from the world's origin the products would lose their digits.
+    # Relative to a partner: far from the world's origin the products would lose precision.
     origin = partners[0]
     from_x, from_y = points[:, 0], points[:, 1]
     to_x, to_y = partners[:, 0] - origin[0], partners[:, 1] - origin[1]
@@ -199,7 +199,7 @@ def rigid_fit(
     target = jnp.stack([sum_to_x, sum_to_y]) / total
     cosine = dot - total * (center[0] * target[0] + center[1] * target[1])
     sine = cross - total * (center[0] * target[1] - center[1] * target[0])
-    # Where everything lies in one point, no angle is better than another.
+    # If all points coincide, every angle fits equally well.
     angle = jnp.where((cosine == 0.0) & (sine == 0.0), 0.0, jnp.arctan2(sine, cosine))
     place = target - se2.rotate_all(angle, center) + jnp.where(total > _EMPTY, origin, 0.0)
     return jnp.append(place, se2.wrap(angle))
@@ -208,9 +208,9 @@ def rigid_fit(
 def _covariance(
     ends: ScanPoints, pose: Float[Array, "3"], weights: Float[Array, "B"], variance: Float[Array, ""]
 ) -> Float[Array, "3 3"]:
-    """Residual variance times the inverse information of the walls: only across them is a pose known."""
+    """Return residual variance times the walls' inverse information: a wall constrains only across itself."""
     rows = wall_jacobian(ends, pose[2])
     information = (rows * weights[None]) @ rows.T
-    # A meter and a radian are as good as nothing known.
+    # A weak prior of 1 m and 1 rad keeps the matrix invertible.
     floor = jnp.maximum(variance, 1e-6)
     return inverse_symmetric(information / floor + jnp.eye(3, dtype=jnp.float32))

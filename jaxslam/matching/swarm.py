@@ -1,4 +1,4 @@
-"""Fruit-fly optimization: the standard swarm and the improved one of the first paper."""
+"""Fruit-fly optimization: the standard swarm and the improved one of Liang et al."""
 
 from collections.abc import Callable
 
@@ -13,11 +13,11 @@ _NONE = 1e-12
 
 
 class SwarmResult(eqx.Module):
-    """The best place that a swarm has been to, or that each of its flies has.
+    """The best position found by a swarm, or by each of its flies.
 
     Attributes:
         position: `[D]`, or `[P, D]`.
-        fitness: there, or `[P]`.
+        fitness: fitness at that position, scalar or `[P]`.
         history: `[G]` the swarm's best fitness so far after each generation.
     """
 
@@ -27,12 +27,12 @@ class SwarmResult(eqx.Module):
 
 
 class _Flight(eqx.Module):
-    """What a generation leaves behind: where the flies were, `[2, P, D]` if they were also changed.
+    """Record of a generation; with changed flies, it holds both evaluations, `[2, P, D]`.
 
     Attributes:
         leader: the best fitness so far.
-        positions: where fitness was asked for.
-        fitness: there.
+        positions: the evaluated positions.
+        fitness: their fitness.
     """
 
     leader: Float[Array, "*G"]
@@ -41,7 +41,7 @@ class _Flight(eqx.Module):
 
 
 class _Swarm(eqx.Module):
-    """Flies, and the best of all so far."""
+    """The flies and the best position so far."""
 
     position: Float[Array, "P D"]
     fitness: Float[Array, "P"]
@@ -50,7 +50,7 @@ class _Swarm(eqx.Module):
 
 
 class _Draws(eqx.Module):
-    """Numbers in [0, 1) for a generation; stacked over generations, `[G, ...]`."""
+    """Random numbers in [0, 1) for a generation; stacked over generations, `[G, ...]`."""
 
     generation: Float[Array, "*G"]
     steps: Float[Array, "*G P D"]
@@ -61,28 +61,27 @@ class _Draws(eqx.Module):
 
 
 class FruitFlies(eqx.Module):
-    r"""Maximizes a fitness with a swarm.
+    r"""Maximization of a fitness function by a swarm.
 
-    Each generation the flies fly off, $x_k = x_{k-1} + \text{step}$ (tobacco 17), and where the best of them
-    beats all before, the whole swarm goes to it. The step is uniform in ±scale; with `exponential` it is
-    $\pm(e^r - 1)\cdot\text{scale}$ with r in [0, 1] (tobacco 18, with a random sign: as printed it only ever
-    grows), up to 1.7 scale, with most of them short.
+    In each generation the flies move, $x_k = x_{k-1} + \text{step}$ (Liang et al. 17). If the best of them
+    beats all earlier ones, the whole swarm moves to its position. The step is uniform in ±scale; with
+    `exponential` it is $\pm(e^r - 1)\cdot\text{scale}$ with r in [0, 1] (Liang et al. 18, with a random
+    sign: as printed, positions only grow), up to 1.7 scale, and mostly short.
 
-    Between flying and gathering, the improved swarm changes the flies that have flown: with `crossover`,
-    random pairs swap parts of themselves, x and y to a·x + (1 − a)·y and the reverse, with the adaptive
-    probability of Srinivas and Patnaik, which spares the fit; and with `mutation`, copies of the best are
-    mutated by a step and take the places of the worst. What came out is scored again, so a generation of the
-    improved swarm costs twice the evaluations.
+    The improved swarm changes the moved flies before they gather. With `crossover`, random pairs x and y
+    become a·x + (1 − a)·y and the reverse, with the adaptive probability of Srinivas and Patnaik, which
+    preserves flies of high fitness. With `mutation`, mutated copies of the best flies replace the worst. The
+    changed flies are evaluated again, so a generation of the improved swarm costs twice the evaluations.
 
-    The start counts as seen, so the result is never worse than it; a NaN is the worst fitness there is.
+    The start is evaluated too, so the result is never worse than the start. A NaN is the worst fitness.
 
     Attributes:
         num_flies: P (static).
-        num_generations: maxgen (static); with 0 the start comes back.
-        exponential: steps by (18) instead of uniform ones (static).
+        num_generations: maxgen (static); with 0 the result is the start.
+        exponential: use the steps of (18) instead of uniform ones (static).
         crossover: whether flies are crossed (static).
         mutation: whether copies of the best are mutated (static).
-        num_mutants: how many, up to P (static).
+        num_mutants: number of mutated copies, up to P (static).
         shrink: factor on the scale from each generation to the next.
 
     References:
@@ -108,17 +107,17 @@ class FruitFlies(eqx.Module):
 
     @classmethod
     def standard(cls, num_flies: int = 20, num_generations: int = 10) -> "FruitFlies":
-        """The swarm of Pan 2012, without the three improvements."""
+        """Return the swarm of Pan 2012, without the three improvements."""
         return cls(num_flies, num_generations, exponential=False, crossover=False, mutation=False)
 
     @property
     def improved(self) -> bool:
-        """Whether flies are changed after they have flown."""
+        """Return whether flies are changed after they have moved."""
         return self.crossover or self.mutation
 
     @property
     def num_evaluations(self) -> int:
-        """How often the fitness is asked for, the start's included."""
+        """Return the number of fitness evaluations, including the start's."""
         return 1 + self.num_generations * self.num_flies * (2 if self.improved else 1)
 
     def maximize(
@@ -130,15 +129,15 @@ class FruitFlies(eqx.Module):
         lower: Float[Array, "D"] | None = None,
         upper: Float[Array, "D"] | None = None,
     ) -> SwarmResult:
-        """The best place found from `start` `[D]`.
+        """Return the best position found from `start` `[D]`.
 
         Args:
-            fitness: of one place `[D]`, a scalar; it is vmapped.
-            key: PRNG key; the same one gives the same bytes.
-            start: where all flies set out.
-            scale: of a step, per component.
-            lower: least value per component, None for no bound. A fly that would leave stays on it.
-            upper: largest value.
+            fitness: function of one position `[D]`, a scalar; it is vmapped.
+            key: PRNG key; the same key gives the same bytes.
+            start: initial position of all flies.
+            scale: scale of a step, per component.
+            lower: lower bound per component, None for no bound. Flies are clipped to the bounds.
+            upper: upper bound.
         """
         lower = jnp.full_like(start, -jnp.inf) if lower is None else lower
         upper = jnp.full_like(start, jnp.inf) if upper is None else upper
@@ -161,19 +160,19 @@ class FruitFlies(eqx.Module):
         lower: Float[Array, "P D"],
         upper: Float[Array, "P D"],
     ) -> SwarmResult:
-        """The best place found by every fly of a swarm whose flies see different landscapes.
+        """Return the best position found by every fly of a swarm in which each fly has its own fitness.
 
-        Each generation all go to the place of the best individual, within their own bounds, and look at it
-        in their own landscape; each keeps the best that it has seen there. The number of flies is that of
-        the starts, whatever `num_flies` is.
+        In each generation all flies move to the position of the best one, within their own bounds, and
+        evaluate it with their own fitness. Each keeps the best position that it has evaluated. The number of
+        flies is that of the starts; `num_flies` is not used.
 
         Args:
-            fitness: of the places of all flies `[P, D]`, of each in its own landscape, `[P]`.
-            key: PRNG key; the same one gives the same bytes.
-            starts: where each sets out.
-            scale: of a step, per component.
-            lower: least value per fly and component.
-            upper: largest value.
+            fitness: maps the positions of all flies `[P, D]` to each fly's own fitness `[P]`.
+            key: PRNG key; the same key gives the same bytes.
+            starts: initial position of each fly.
+            scale: scale of a step, per component.
+            lower: lower bound per fly and component.
+            upper: upper bound.
         """
         starts = jnp.clip(starts, lower, upper)
         first = _worst_if_nan(fitness(starts))
@@ -182,7 +181,7 @@ class FruitFlies(eqx.Module):
         _, flights = self._fly(fitness, key, swarm, scale, lower, upper)
         positions = jnp.concatenate([starts[None], flights.positions.reshape(-1, *starts.shape)])
         seen = jnp.concatenate([first[None], flights.fitness.reshape(-1, starts.shape[0])])
-        # The first of equals: a fly that found nothing better stays where it set out.
+        # `argmax` takes the first of equals, so a fly that found nothing better stays at its start.
         best = jnp.argmax(seen, axis=0)
         flies = jnp.arange(starts.shape[0])
         return SwarmResult(positions[best, flies], seen[best, flies], flights.leader)
@@ -196,7 +195,7 @@ class FruitFlies(eqx.Module):
         lower: Float[Array, "_ D"],
         upper: Float[Array, "_ D"],
     ) -> tuple[_Swarm, _Flight]:
-        """All generations, from a swarm that has been scored where it is."""
+        """Run all generations from a swarm that has been evaluated at its positions."""
 
         def generation(swarm: _Swarm, drawn: _Draws) -> tuple[_Swarm, _Flight]:
             step_scale = scale * jnp.power(jnp.asarray(self.shrink, jnp.float32), drawn.generation)
@@ -212,7 +211,7 @@ class FruitFlies(eqx.Module):
                 changed = jnp.clip(changed, lower, upper)
                 swarm = _record(swarm, changed, _worst_if_nan(fitness(changed)))
                 looks.append(swarm)
-            # All flies go to the best individual.
+            # All flies move to the best one.
             gathered = jnp.clip(jnp.broadcast_to(swarm.best[None], swarm.position.shape), lower, upper)
             flight = _Flight(
                 swarm.best_fitness,
@@ -224,7 +223,7 @@ class FruitFlies(eqx.Module):
         return jax.lax.scan(generation, swarm, self._draw(key, *swarm.position.shape))
 
     def _draw(self, key: PRNGKeyArray, num_flies: int, size: int) -> _Draws:
-        """All that is random, for all generations at once: a draw costs the same for one as for all."""
+        """Draw the random numbers of all generations at once, which costs the same as for one."""
         generations = self.num_generations
         pairs, mutants = num_flies // 2, min(self.num_mutants, num_flies)
         shapes = ((num_flies, size), (pairs,), (pairs, size), (mutants, size), (mutants, size))
@@ -236,7 +235,7 @@ class FruitFlies(eqx.Module):
         return _Draws(jnp.arange(generations, dtype=jnp.float32), *values)
 
     def _steps(self, drawn: Float[Array, "n D"], scale: Float[Array, "D"]) -> Float[Array, "n D"]:
-        """Steps by tobacco (17) or (18), of numbers in [0, 1)."""
+        """Turn numbers in [0, 1) into steps by Liang et al. (17) or (18)."""
         signed = 2.0 * drawn - 1.0
         if self.exponential:
             signed = jnp.sign(signed) * jnp.expm1(jnp.abs(signed))
@@ -245,7 +244,7 @@ class FruitFlies(eqx.Module):
     def _mutate(
         self, drawn: _Draws, position: Float[Array, "P D"], swarm: _Swarm, scale: Float[Array, "D"]
     ) -> Float[Array, "P D"]:
-        """Mutated copies of the best flies in the places of the worst."""
+        """Replace the worst flies by mutated copies of the best."""
         count = drawn.mutant_steps.shape[0]
         order = jnp.argsort(-swarm.fitness)
         best, worst = order[:count], order[order.shape[0] - count :]
@@ -261,7 +260,7 @@ def _worst_if_nan(fitness: Float[Array, "*P"]) -> Float[Array, "*P"]:
 
 
 def _record(swarm: _Swarm, position: Float[Array, "P D"], fitness: Float[Array, "P"]) -> _Swarm:
-    """The flies where they are now; the best is replaced only by a better one."""
+    """Return the swarm at new positions; the best is replaced only by a better one."""
     leader = jnp.argmax(fitness)
     better: Bool[Array, ""] = fitness[leader] > swarm.best_fitness
     return _Swarm(
@@ -273,9 +272,9 @@ def _record(swarm: _Swarm, position: Float[Array, "P D"], fitness: Float[Array, 
 
 
 def _cross(drawn: _Draws, position: Float[Array, "P D"], fitness: Float[Array, "P"]) -> Float[Array, "P D"]:
-    """Pairs crossed, with the adaptive probability; one fly of an odd number stays as it is.
+    """Cross pairs with the adaptive probability; with an odd number, one fly stays unchanged.
 
-    The flies have flown from one place by independent steps: any pairing is a random one.
+    The flies have moved from one position by independent steps, so neighbors in the array are random pairs.
     """
     half = drawn.cross_whether.shape[0]
     left, right = position[:half], position[half : 2 * half]
@@ -286,12 +285,12 @@ def _cross(drawn: _Draws, position: Float[Array, "P D"], fitness: Float[Array, "
 
 
 def _crossover_rate(fitness: Float[Array, "P"], fitter: Float[Array, "pairs"]) -> Float[Array, "pairs"]:
-    """k1 (f_max − f′) / (f_max − f_mean) over the mean, k3 below it; k1 = k3 = 1."""
+    """Return k1 (f_max − f′) / (f_max − f_mean) above the mean, k3 below it; k1 = k3 = 1."""
     return _adaptive(fitness, fitter, 1.0)
 
 
 def _mutation_rate(fitness: Float[Array, "P"]) -> Float[Array, "P"]:
-    """k2 (f_max − f) / (f_max − f_mean) over the mean, k4 below it; k2 = k4 = 0.5."""
+    """Return k2 (f_max − f) / (f_max − f_mean) above the mean, k4 below it; k2 = k4 = 0.5."""
     return _adaptive(fitness, fitness, 0.5)
 
 
@@ -302,6 +301,6 @@ def _adaptive(fitness: Float[Array, "P"], values: Float[Array, "n"], factor: flo
     largest = jnp.max(jnp.where(finite, fitness, -jnp.inf))
     spread = jnp.maximum(largest - mean, _NONE)
     rate = factor * (largest - values) / spread
-    # Below the mean, among equals, and for what has no fitness: the full rate.
+    # The full rate below the mean, among equals, and where fitness is not finite.
     keep = (values < mean) | ~jnp.isfinite(values) | (largest - mean <= _NONE)
     return jnp.where(keep, factor, jnp.clip(rate, 0.0, factor))

@@ -1,10 +1,10 @@
 """Common part of the wheel models: samples, densities and covariances from noise on an increment.
 
-A wheel model is one function, `noisy_increment(noise) -> [3]`, and the four variances of its noise:
+A wheel model is a function `noisy_increment(noise) -> [3]` and the variances of four noise components:
 
 0. `turn`: error of the rotation before (or during) the translation, rad;
 1. `along`: error of the distance driven, m;
-2. `across`: slip perpendicular to it, m;
+2. `across`: slip perpendicular to the path, m;
 3. `final rotation`: error of the rotation that follows, rad.
 
 The heading error is turn + final rotation; the turn also bends the path.

@@ -9,7 +9,7 @@ from jaxslam.core.types import OdometryIncrement
 
 
 class AbstractMotionModel(eqx.Module):
-    """p(x_t | x_{t−1}, u_t) for one particle. Vmap over particles with `in_axes=(0, 0, None)`."""
+    """Motion model p(x_t | x_{t−1}, u_t) of one particle; vmap over particles with `in_axes=(0, 0, None)`."""
 
     @abc.abstractmethod
     def sample(

@@ -13,7 +13,7 @@ from jaxslam.motion.base import AbstractMotionModel
 
 
 class GaussianMotion(AbstractMotionModel):
-    """The increment as a normal variable: mean `odometry.delta`, covariance `odometry.covariance`.
+    """Normally distributed increment with mean `odometry.delta` and covariance `odometry.covariance`.
 
     For odometry with its own covariance, such as the output of an EKF over wheels and IMU. The
     covariance is given in the axes of the base at the start, like `delta`. It is scaled, and squared
@@ -28,7 +28,7 @@ class GaussianMotion(AbstractMotionModel):
         rotation_floor: standard deviation added to the heading per step, rad, > 0.
 
     Example:
-        Covariance zero, floors of 10 mm and 5 mrad: `covariance` is diag(1e-4, 1e-4, 2.5e-5) and
+        With zero covariance and floors of 10 mm and 5 mrad, `covariance` is diag(1e-4, 1e-4, 2.5e-5) and
         `log_prob` at the predicted pose is 11.752.
     """
 

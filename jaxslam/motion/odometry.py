@@ -21,10 +21,10 @@ from jaxslam.motion.base import AbstractMotionModel
 
 
 class OdometryMotion(AbstractMotionModel):
-    r"""Odometry as a rotation, a translation and a second rotation, each with its own noise.
+    r"""Odometry split into a rotation, a translation and a second rotation, each with its own noise.
 
     With $\delta_{rot1}, \delta_{trans}, \delta_{rot2}$ from the increment, the noise is normal with
-    the **variances** of the book's second and later printings:
+    the **variances** of the second and later printings of Probabilistic Robotics:
 
     - rotations: $\alpha_1 \delta_{rot}^2 + \alpha_2 \delta_{trans}^2$;
     - translation: $\alpha_3 \delta_{trans}^2 + \alpha_4 (\delta_{rot1}^2 + \delta_{rot2}^2)$.
@@ -43,8 +43,8 @@ class OdometryMotion(AbstractMotionModel):
         rotation_noise_from_translation: α2, rad² per m².
         translation_noise_from_translation: α3, m² per m².
         translation_noise_from_rotation: α4, m² per rad².
-        translation_floor: least standard deviation of the position per step and axis, m, > 0.
-        rotation_floor: least standard deviation of the heading per step, rad, > 0.
+        translation_floor: minimum standard deviation of the position per step and axis, m, > 0.
+        rotation_floor: minimum standard deviation of the heading per step, rad, > 0.
         direction_threshold: translation at which its direction begins to count, m, > 0.
 
     References:
@@ -123,7 +123,7 @@ class OdometryMotion(AbstractMotionModel):
 
 
 class _RotateDriveRotate(eqx.Module):
-    """An increment, decomposed exactly; `across` is the sideways remainder due to the direction threshold, m."""
+    """An increment, decomposed exactly; `across` is the rest left by the direction threshold, m."""
 
     first_rotation: Float[Array, ""]
     along: Float[Array, ""]

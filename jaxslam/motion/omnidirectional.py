@@ -35,15 +35,15 @@ class OmnidirectionalMotion(AbstractMotionModel):
         translation_noise_from_translation: α3, m² per m².
         translation_noise_from_rotation: α4, m² per rad².
         strafe_noise_from_translation: α5, m² per m².
-        translation_floor: least standard deviation of the position per step and axis, m, > 0.
-        rotation_floor: least standard deviation of the heading per step, rad, > 0.
+        translation_floor: minimum standard deviation of the position per step and axis, m, > 0.
+        rotation_floor: minimum standard deviation of the heading per step, rad, > 0.
 
     References:
         Five noise parameters as in nav2's omnidirectional model; variances as in Thrun, Burgard, Fox 2005.
 
     Example:
-        1 m to the left without turning, defaults: deviations 0.0583 m along, 0.0583 m across and
-        0.1118 rad.
+        1 m to the left without turning, with the defaults: standard deviations of 0.0583 m along, 0.0583 m
+        across and 0.1118 rad.
     """
 
     rotation_noise_from_rotation: Scalar = 0.09

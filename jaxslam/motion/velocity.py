@@ -1,4 +1,4 @@
-"""The velocity motion model: an arc, then a small rotation on the spot."""
+"""The velocity motion model: an arc, then a small rotation in place."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -40,8 +40,8 @@ class VelocityMotion(AbstractMotionModel):
         rotation_noise_from_rotation: α4, rad² per rad².
         final_rotation_noise_from_translation: α5, rad² per m².
         final_rotation_noise_from_rotation: α6, rad² per rad².
-        translation_floor: least standard deviation of the position per step and axis, m, > 0.
-        rotation_floor: least standard deviation of the heading per step, rad, > 0.
+        translation_floor: minimum standard deviation of the position per step and axis, m, > 0.
+        rotation_floor: minimum standard deviation of the heading per step, rad, > 0.
 
     References:
         Thrun, Burgard, Fox 2005, table 5.3 (`sample`) and 5.1 (`log_prob`, with the Jacobian and the
@@ -110,7 +110,7 @@ class VelocityMotion(AbstractMotionModel):
 
 
 class _Arc(eqx.Module):
-    """An arc of signed length (m) and angle (rad), and a shift across its chord (m)."""
+    """Arc of signed length (m) and angle (rad), with a shift perpendicular to its chord (m)."""
 
     length: Float[Array, ""]
     angle: Float[Array, ""]

@@ -110,7 +110,7 @@ class LocalizationResult:
                 `poses` `[M, 3]`, as returned by `jaxslam.sim.drive` and `jaxslam.io.read_tum`. Its `walls`
                 are drawn too if it has any.
         """
-        from jaxslam.viz.localization import plot_localization
+        from jaxslam.viz.clouds import plot_localization
 
         return plot_localization(self, ax, truth=truth)
 

@@ -1,4 +1,4 @@
-"""Proposals: where a filter's particles go."""
+"""Proposals: distributions from which a filter draws the next poses of its particles."""
 
 from jaxslam.proposal.base import AbstractProposal, ProposalContext, ProposalResult
 from jaxslam.proposal.fruit_fly import FruitFlyProposal

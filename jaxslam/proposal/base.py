@@ -14,7 +14,7 @@ from jaxslam.sensor.base import AbstractSensorModel
 
 
 class ProposalContext(eqx.Module):
-    """Everything that one step gives a proposal besides the pose.
+    """The inputs of a proposal at one step, except the pose.
 
     Attributes:
         odometry: u_t, the motion since the last step.
@@ -31,7 +31,7 @@ class ProposalContext(eqx.Module):
     sensor: AbstractSensorModel
 
     def with_field(self, field: Field) -> "ProposalContext":
-        """Return the context of another particle: all but the map is shared."""
+        """Return the context of another particle, which differs only in the map."""
         return dataclasses.replace(self, field=field)
 
     def log_likelihood(self, pose: Float[Array, "3"]) -> Float[Array, ""]:
@@ -45,7 +45,7 @@ class ProposalResult(eqx.Module):
     Attributes:
         pose: `[3]` the new base pose (m, m, rad, world frame).
         log_likelihood: log p(z | x, m) of the sensor model at that pose; most proposals compute it anyway.
-        log_ratio: log p(x | x_prev, u) − log q(x), which the weight needs in addition.
+        log_ratio: log p(x | x_prev, u) − log q(x), the other term of the weight.
         flags: `jaxslam.core.flags.Flag` bits, int32.
     """
 

@@ -1,4 +1,4 @@
-"""The improved filter's proposal: a draw from the odometry, ICP, and a swarm of fruit flies around it."""
+"""The proposal of Liang et al.: a draw from the motion model, ICP, and a swarm of fruit flies."""
 
 import equinox as eqx
 import jax
@@ -22,14 +22,14 @@ from jaxslam.xla.control_flow import run_if
 
 
 class _Aligned(eqx.Module):
-    """One particle before the flies.
+    """One particle before the swarm runs.
 
     Attributes:
-        drawn: from the motion model.
-        best: of what ICP and the search found, and the draw.
-        prior: p(x | x_prev, u) about the draw.
-        enough: whether the scan has beams enough.
-        lost: whether it was searched for.
+        drawn: the draw from the motion model.
+        best: the best of the draw and the results of ICP and the search.
+        prior: p(x | x_prev, u) around the draw.
+        enough: whether the scan has enough valid beams.
+        lost: whether the particle had lost the map and was searched for.
     """
 
     drawn: Candidate
@@ -40,43 +40,43 @@ class _Aligned(eqx.Module):
 
 
 class FruitFlyProposal(AbstractProposal):
-    r"""Tobacco (12)–(18): ICP moves the draw into the likely region, a swarm finds the best pose there.
+    r"""Liang et al. (12)–(18): ICP moves the draw into the likely region, a swarm finds the best pose there.
 
     The swarm's fitness is $\Gamma(x) = p(z|x,m)\,p(x|x_{t-1},u)$ on the particle's own map, with some of the
-    beams and without interpolation; its winner is taken if the sensor model agrees. An optimizer has no
-    density, so what the weight is made of is a choice, `weight`.
+    beams and without interpolation; its result is accepted only if the sensor model also rates it higher. An
+    optimizer has no density, so the definition of the weight is a choice, `weight`.
 
     Attributes:
-        heading: which way to look first.
-        icp: alignment from there.
-        flies: the swarm, from the best so far.
-        search: wider search, run where fewer than `lost_below` of the beams meet the map.
-        prior: how much the motion model is trusted.
-        prior_weight: what that prior counts for where candidates are compared.
+        heading: search over headings before ICP.
+        icp: alignment from the best heading.
+        flies: the swarm, started at the best pose so far.
+        search: wider search, run where fewer than `lost_below` of the beams match the map.
+        prior: trust in the motion model.
+        prior_weight: weight of that prior when candidates are compared.
         step_translation: scale of a fly's step, meters.
-        step_rotation: and in heading, radians.
-        reach_translation: flies stay within so many meters of where they set out, along x and y.
-        reach_rotation: and within so many radians.
+        step_rotation: scale of a fly's step in heading, radians.
+        reach_translation: largest distance of a fly from its start along x and along y, meters.
+        reach_rotation: largest rotation of a fly from its start, radians.
         sigma_hit: spread of end points around obstacles in the swarm's fitness, meters.
-        scan_score: what a scan whose beams all end on obstacles is worth in it, against the prior, nats.
-        lost_below: share of valid beams near an obstacle, or where the map knows nothing, under which the
-            match is not trusted.
-        min_valid_beams: with fewer the pose is the motion model's draw.
+        scan_score: fitness of a scan whose beams all end on obstacles, relative to the prior, nats.
+        lost_below: share of valid beams near an obstacle or in unseen space below which the match is not
+            trusted.
+        min_valid_beams: with fewer valid beams the pose is the motion model's draw.
         around: poses around the best, for `weight="density"`.
-        sharpness: log-likelihoods are sharpened by it to fit and to draw, and log-weights blunted: the sensor
-            model counts a scan for less than its beams, which is right for choosing among particles, but
-            knows a pose less well than a match does.
-        weight: "likelihood": the best pose, weighed by the scan's likelihood there, as gmapping does;
-            "density": a draw from the Gaussian around it, weighed by p(z|x,m) p(x|x_prev,u) / q(x) (static).
-        swarm: "own": every particle has a swarm; "particles": the particles are one (static).
+        sharpness: factor on log-likelihoods for fitting and drawing; log-weights are divided by it. The
+            sensor model gives a scan less weight than its beams have together. That is right for choosing
+            among particles, but understates how well a match determines the pose.
+        weight: "likelihood": the best pose, weighted by the scan's likelihood there, as in gmapping;
+            "density": a draw from the Gaussian around it, weighted by p(z|x,m) p(x|x_prev,u) / q(x) (static).
+        swarm: "own": every particle has a swarm; "particles": the particles form one swarm (static).
         use_icp: whether ICP is run (static).
-        use_flies: whether the swarm is (static).
-        polish: whether the swarm's winner is aligned again (static).
+        use_flies: whether the swarm is run (static).
+        polish: whether the swarm's result is aligned again by ICP (static).
         max_beams: beams used by ICP, evenly spread over the scan (static).
         fly_beams: beams of a fly's fitness (static).
 
     References:
-        The first paper, "tobacco"; how its gaps are read is in the docs of `FruitFlies`.
+        Liang et al.; see `FruitFlies` for how gaps in the paper are filled.
     """
 
     heading: HeadingSearch = HeadingSearch()
@@ -109,7 +109,7 @@ class FruitFlyProposal(AbstractProposal):
         require_one_of(self, "swarm", ("own", "particles"))
 
     def sample(self, key: PRNGKeyArray, pose: Float[Array, "3"], context: ProposalContext) -> ProposalResult:
-        """Draws, looks round, aligns, searches if lost, lets the flies out, and keeps the best."""
+        """Draw, search headings, run ICP, search wider if lost, run the swarm, and keep the best pose."""
         aligned = self._align(key, pose, context)
         found = aligned.best.pose
         if self.use_flies:
@@ -123,7 +123,7 @@ class FruitFlyProposal(AbstractProposal):
         poses: Float[Array, "N 3"],
         context: ProposalContext,
     ) -> ProposalResult:
-        """Each particle with a swarm of its own, or all of them as one swarm."""
+        """Draw for all particles, each with its own swarm, or all of them as one swarm."""
         if self.swarm == "own" or not self.use_flies:
             return AbstractProposal.sample_all(self, keys, poses, context)
 
@@ -137,7 +137,7 @@ class FruitFlyProposal(AbstractProposal):
             each = jax.vmap(self._fitness, (0, None, 0, 0))
             return each(context.field.fine, beams, aligned.prior, positions)
 
-        # Headings are crossed: none may lie beyond ±π from another.
+        # Crossover averages headings, so all of them must lie within ±π of each other.
         starts = aligned.best.pose
         first = starts[0, 2]
         starts = starts.at[:, 2].set(first + se2.wrap(starts[:, 2] - first))
@@ -164,14 +164,14 @@ class FruitFlyProposal(AbstractProposal):
         prior: PosePrior,
         start: Float[Array, "3"],
     ) -> Float[Array, "3"]:
-        """Best pose `[3]` that a swarm about `start` comes to, by its own fitness; no worse than the start.
+        """Return the best pose `[3]` of a swarm around `start`, by its fitness; no worse than the start.
 
         Args:
             key: PRNG key.
             field: the particle's map.
-            beams: the end points that a fly looks at.
+            beams: the end points that a fly scores.
             prior: p(x | x_prev, u).
-            start: `[3]` where the flies set out.
+            start: `[3]` initial pose of the flies.
         """
 
         def fitness(pose: Float[Array, "3"]) -> Float[Array, ""]:
@@ -180,7 +180,7 @@ class FruitFlyProposal(AbstractProposal):
         return self.flies.maximize(fitness, key, start, *self._steps_and_bounds(start)).position
 
     def _align(self, key: PRNGKeyArray, pose: Float[Array, "3"], context: ProposalContext) -> _Aligned:
-        """From a draw of the motion model into the likely region, tobacco (12)–(15)."""
+        """Move a draw of the motion model into the likely region, Liang et al. (12)–(15)."""
         field = context.field
         drawn = context.motion.sample(key, pose, context.odometry)
         prior = self.prior.around(context.motion, context.odometry, drawn)
@@ -193,7 +193,7 @@ class FruitFlyProposal(AbstractProposal):
         lost = enough & (field.fine.inlier_ratio(ends, best.pose) < self.lost_below)
 
         def search(best: Candidate) -> Candidate:
-            # From the carry and not from the draw: what does not change in a loop, XLA computes before it.
+            # From the carry, not from the draw: XLA moves what is constant in a loop out of it.
             found = self.search.search(field, ends, best.pose, prior)
             one, other = posterior.evaluate_pair(found, self._icp(field, ends, found))
             return best_of(best_of(best, one), other)
@@ -208,7 +208,7 @@ class FruitFlyProposal(AbstractProposal):
         pose: Float[Array, "3"],
         context: ProposalContext,
     ) -> ProposalResult:
-        """The pose that a particle goes to, and what the weight needs."""
+        """Return the particle's new pose and the terms of its weight."""
         posterior = PosePosterior(context, aligned.prior, self.prior_weight)
         ends = scan_points(context.scan, self.max_beams)
         best = aligned.best
@@ -231,7 +231,7 @@ class FruitFlyProposal(AbstractProposal):
     def _fitness(
         self, field: DistanceField, beams: ScanPoints, prior: PosePrior, pose: Float[Array, "3"]
     ) -> Float[Array, ""]:
-        """Logarithm of Γ for a fly, tobacco (12), by a mean over the beams that are looked at."""
+        """Return log Γ for a fly, Liang et al. (12), from a mean over the scored beams."""
         squared, unseen = field.look_up(se2.apply(pose, beams.points))
         on_map = jnp.exp(-0.5 * squared / self.sigma_hit**2)
         hit = jnp.sum(jnp.where(beams.valid & ~unseen, on_map, 0.0))
@@ -241,7 +241,7 @@ class FruitFlyProposal(AbstractProposal):
     def _steps_and_bounds(
         self, starts: Float[Array, "*N 3"]
     ) -> tuple[Float[Array, "3"], Float[Array, "*N 3"], Float[Array, "*N 3"]]:
-        """Scale of a step, and the least and largest value of each fly."""
+        """Return the scale of a step and the bounds of each fly."""
         scale = jnp.asarray([self.step_translation, self.step_translation, self.step_rotation])
         reach = jnp.asarray([self.reach_translation, self.reach_translation, self.reach_rotation])
         reach = jnp.broadcast_to(reach, starts.shape)

@@ -1,4 +1,4 @@
-"""The second paper's proposal: scan matching finds the mode, a Gaussian around it is drawn from."""
+"""The proposal of Yang et al. 2019: a draw from a Gaussian around the mode found by scan matching."""
 
 import jax
 import jax.numpy as jnp
@@ -15,26 +15,26 @@ from jaxslam.proposal.prior import PriorTrust
 
 
 class GaussianProposal(AbstractProposal):
-    r"""Mine (16)–(22): a pose from the Gaussian of the scan's likelihood around its mode, weighed by $\eta$.
+    r"""Yang et al. 2019 (16)–(22): a draw from a Gaussian around the likelihood's mode, weighted by $\eta$.
 
-    Where the match explains too few of the beams, the particle goes where the motion model says and its step
-    is flagged `MATCH_FAILED`.
+    Where the match has too few inliers, the motion model draws the pose instead and the step is flagged
+    `MATCH_FAILED`.
 
     Attributes:
-        matcher: finds x*, (16).
-        around: K poses around it and their moments, (19)–(21).
-        prior: how much p(x | x_prev, u) is trusted in the moments: as it stands. The match trusts it less,
-            but about the particle's own draw.
-        sharpness: log-likelihoods are sharpened by it for the moments, and log η blunted: the sensor model
-            counts a scan for less than its beams, which is right for choosing among particles, but knows a
-            pose less well than a match does. 1 is the paper's.
-        odometry_weight: power of p(x | x_prev, u) in the moments. 0 holds it constant near the mode, (18),
-            which lets the particles wander along a corridor without features; 1 keeps it.
-        failed_below: share of the valid beams near an obstacle, or where the map knows nothing, under which
-            the match has failed.
+        matcher: finds the mode x*, (16).
+        around: K poses around the mode and their moments, (19)–(21).
+        prior: trust in p(x | x_prev, u) for the moments: full by default. The matcher trusts it less, but
+            centers it on the particle's own draw.
+        sharpness: factor on log-likelihoods for the moments; log η is divided by it. The sensor model gives a
+            scan less weight than its beams have together. That is right for choosing among particles, but
+            understates how well a match determines the pose. 1 is the paper's value.
+        odometry_weight: power of p(x | x_prev, u) in the moments. 0 treats it as constant near the mode,
+            as in (18), which lets the particles drift along a corridor without features; 1 keeps it.
+        failed_below: share of the valid beams near an obstacle or in unseen space below which the match has
+            failed.
 
     References:
-        The second paper, "mine"; Grisetti et al. 2007, section III-B.
+        Yang et al. 2019; Grisetti et al. 2007, section III-B.
     """
 
     matcher: MatchedProposal = MatchedProposal()
@@ -48,7 +48,7 @@ class GaussianProposal(AbstractProposal):
         require_at_least_zero(self, positive=("sharpness",))
 
     def sample(self, key: PRNGKeyArray, pose: Float[Array, "3"], context: ProposalContext) -> ProposalResult:
-        """Matches, fits a Gaussian to the poses around the match, and draws from it."""
+        """Match, fit a Gaussian to the poses around the match, and draw from it."""
         # (16)
         matched = self.matcher.sample(key, pose, context)
         ends = scan_points(context.scan, self.matcher.max_beams)
@@ -68,7 +68,7 @@ class GaussianProposal(AbstractProposal):
         fallen_back = context.motion.sample(key, pose, context.odometry)
         chosen = jnp.where(failed, fallen_back, drawn)
         log_likelihood = context.log_likelihood(chosen)
-        # (22): likelihood and ratio make η.
+        # (22): likelihood times ratio is η.
         log_ratio = jnp.where(failed, 0.0, around.log_eta / self.sharpness - log_likelihood)
         flag = jnp.where(enough & failed, Flag.MATCH_FAILED.value, 0)
         return ProposalResult(

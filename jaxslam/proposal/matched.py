@@ -19,26 +19,26 @@ from jaxslam.xla.control_flow import run_if
 class MatchedProposal(AbstractProposal):
     """Mode of p(z | x, m) p(x | x_drawn), where x_drawn is a draw from the motion model.
 
-    Each particle keeps its own draw as the prior's center, so the particles stay spread where the scan
-    says nothing, as along a corridor, and agree where it does.
+    The prior of each particle is centered on its own draw. The particles therefore stay spread where the scan
+    does not constrain the pose, as along a corridor, and agree where it does.
 
     Attributes:
-        heading: which way to look first.
-        coarse: matcher on the coarse field, a basin of about a meter: one of the starts when lost.
-        fine: matcher on the map's own resolution, a basin of some 30 cm.
-        search: wider search, run where fewer than `lost_below` of the beams meet the map.
-        prior: how much the motion model is trusted.
-        prior_weight: what that prior counts for where candidates are compared: the sensor model counts a
-            beam for less than the match does.
-        lost_below: share of valid beams near an obstacle, or where the map knows nothing, under which the
-            match is not trusted.
-        min_valid_beams: with fewer the pose is the motion model's draw.
-        max_beams: beams used for matching, evenly spread over the scan (static): half of them made
+        heading: search over headings before the match.
+        coarse: matcher on the coarse field, with a basin of about a meter: one of the starts when lost.
+        fine: matcher at the map's own resolution, with a basin of about 30 cm.
+        search: wider search, run where fewer than `lost_below` of the beams match the map.
+        prior: trust in the motion model.
+        prior_weight: weight of that prior when candidates are compared; the sensor model gives a beam less
+            weight than the matcher does.
+        lost_below: share of valid beams near an obstacle or in unseen space below which the match is not
+            trusted.
+        min_valid_beams: with fewer valid beams the pose is the motion model's draw.
+        max_beams: beams used for matching, evenly spread over the scan (static). Half as many made maps of
             long corridors worse.
 
     References:
-        Grisetti et al. 2007, section III (mode by scan matching; weight: the likelihood at the mode, as
-        gmapping computes it, so `log_ratio` is 0).
+        Grisetti et al. 2007, section III (mode by scan matching). The weight is the likelihood at the mode,
+        as in gmapping, so `log_ratio` is 0.
     """
 
     heading: HeadingSearch = HeadingSearch()
@@ -55,7 +55,7 @@ class MatchedProposal(AbstractProposal):
         require_at_least_zero(self)
 
     def sample(self, key: PRNGKeyArray, pose: Float[Array, "3"], context: ProposalContext) -> ProposalResult:
-        """Draws, looks round, matches, searches if lost, and keeps the best of all that was seen."""
+        """Draw, search headings, match, search wider if lost, and keep the best pose."""
         field = context.field
         drawn = context.motion.sample(key, pose, context.odometry)
         prior = self.prior.around(context.motion, context.odometry, drawn)
@@ -70,7 +70,7 @@ class MatchedProposal(AbstractProposal):
         matched = best_of(start, refined)
 
         def search(best: Candidate) -> Candidate:
-            # From the carry and not from the draw: what does not change in a loop, XLA computes before it.
+            # From the carry, not from the draw: XLA moves what is constant in a loop out of it.
             coarse = self.coarse.match(field.coarse, ends, best.pose, prior)
             found = self.search.search(field, ends, best.pose, prior)
             refined = jax.vmap(refine)(jnp.stack([coarse, found]))

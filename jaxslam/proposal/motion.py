@@ -7,7 +7,7 @@ from jaxslam.proposal.base import AbstractProposal, ProposalContext, ProposalRes
 
 
 class MotionProposal(AbstractProposal):
-    """q = p(x | x_prev, u), whose weight is the likelihood of the scan (the baseline of all three papers)."""
+    """q = p(x | x_prev, u), weighted by the likelihood of the scan (the baseline of all three papers)."""
 
     def sample(self, key: PRNGKeyArray, pose: Float[Array, "3"], context: ProposalContext) -> ProposalResult:
         """Draw from the motion model without regard to the scan."""

@@ -1,4 +1,4 @@
-"""A Gaussian fitted to the poses around a mode, to draw from and to weigh by."""
+"""A Gaussian fitted to the poses around a mode."""
 
 from collections.abc import Callable
 
@@ -21,7 +21,7 @@ class PoseGaussian(eqx.Module):
     Attributes:
         mean: `[3]` (m, m, rad, world frame).
         factor: `[3, 3]` lower Cholesky factor of the covariance.
-        log_eta: log of the mean of the values that it was fitted to, mine (20)'s η up to a constant.
+        log_eta: log of the mean of the fitted values, η of Yang et al. 2019 (20) up to a constant.
     """
 
     mean: Float[Array, "3"]
@@ -29,15 +29,15 @@ class PoseGaussian(eqx.Module):
     log_eta: Float[Array, ""]
 
     def sample(self, key: PRNGKeyArray) -> Float[Array, "3"]:
-        """A pose `[3]`."""
+        """Draw a pose `[3]`."""
         offset = self.factor @ jax.random.normal(key, (3,), jnp.float32)
         return jnp.append(self.mean[:2] + offset[:2], se2.wrap(self.mean[2] + offset[2]))
 
     def log_prob(self, pose: Float[Array, "3"]) -> Float[Array, ""]:
-        """Natural log of the density per m²·rad; the heading error is wrapped."""
+        """Return the natural log of the density per m²·rad; the heading error is wrapped."""
         offset = _offsets(self.mean, pose[None])[0]
         (a, _, _), (b, c, _), (d, e, f) = self.factor
-        # Forward substitution, spelt out: a batched solve is a library call.
+        # Forward substitution in closed form: a batched solve compiles to a library call.
         first = offset[0] / a
         second = (offset[1] - b * first) / c
         third = (offset[2] - d * first - e * second) / f
@@ -46,21 +46,21 @@ class PoseGaussian(eqx.Module):
 
 
 class PosesAround(eqx.Module):
-    r"""K poses around a mode and their moments, mine (19)–(21).
+    r"""K poses around a mode and their moments, Yang et al. 2019 (19)–(21).
 
-    The paper's $|x_j - x^*| < \Delta$ is read in the end points: poses are drawn that move them by up to
-    `spread` across the walls they lie on, so that the cloud is long along a corridor and short across it.
+    The paper's $|x_j - x^*| < \Delta$ is applied to the end points: the drawn poses move the end points by up
+    to `spread` across their walls, so that the poses spread far along a corridor and little across it.
 
     Attributes:
-        spread: Δ, how far the end points move across their walls, root mean square, meters.
-        reach_translation: and the pose at most where no wall holds it, meters.
-        reach_rotation: and in heading, radians.
-        least_translation: standard deviation that stays in position, meters.
-        least_rotation: and in heading, radians.
+        spread: Δ, root mean square distance that the end points move across their walls, meters.
+        reach_translation: largest translation of a pose where no wall limits it, meters.
+        reach_rotation: largest rotation of a pose where no wall limits it, radians.
+        least_translation: smallest standard deviation in position, meters.
+        least_rotation: smallest standard deviation in heading, radians.
         num_poses: K (static).
 
     References:
-        The second paper, "mine"; Grisetti et al. 2007, section III-B.
+        Yang et al. 2019; Grisetti et al. 2007, section III-B.
     """
 
     spread: float | Float[Array, ""] = 0.03
@@ -83,17 +83,17 @@ class PosesAround(eqx.Module):
         mode: Float[Array, "3"],
         ends: ScanPoints,
     ) -> PoseGaussian:
-        """Mean and covariance of the poses around a mode, each weighed by its value.
+        """Return the Gaussian with the mean and covariance of poses around a mode, weighted by their values.
 
         Args:
             key: PRNG key.
-            log_value: log p of a pose `[3]`; it is vmapped. A NaN counts as nothing.
+            log_value: log p of a pose `[3]`; it is vmapped. A NaN counts as −inf.
             mode: `[3]` (m, m, rad, world frame).
-            ends: the scan, whose walls say how far each way the poses may lie.
+            ends: the scan, whose walls determine how far the poses spread in each direction.
         """
         # (19)
         drawn = jax.random.uniform(key, ((self.num_poses + 1) // 2, 3), jnp.float32, -1.0, 1.0)
-        # In pairs on either side, so that chance alone does not move the mean off the mode.
+        # In symmetric pairs, so that sampling error alone does not shift the mean off the mode.
         drawn = jnp.concatenate([drawn, -drawn])[: self.num_poses]
         poses = mode[None] + drawn @ self._shape(ends, mode).T
         values = jax.vmap(log_value)(poses)
@@ -101,7 +101,7 @@ class PosesAround(eqx.Module):
         largest = jnp.maximum(jnp.max(values), jnp.finfo(jnp.float32).min)
         weights = jnp.exp(values - largest)
         total = jnp.sum(weights)
-        # Where nothing counts, all poses count the same.
+        # If all weights are zero, all poses count equally.
         weights = jnp.where(total > 0, weights, 1.0)
         weights = weights / jnp.sum(weights)
         # (20), (21); headings as differences from the mode's, so that they do not wrap.
@@ -116,7 +116,7 @@ class PosesAround(eqx.Module):
         )
 
     def _shape(self, ends: ScanPoints, mode: Float[Array, "3"]) -> Float[Array, "3 3"]:
-        """Factor of the inverse information of the walls seen, `spread` across them."""
+        """Return a factor of the inverse information of the walls seen, with `spread` across them."""
         rows = wall_jacobian(ends, mode[2]) * ends.valid.astype(jnp.float32)[None]
         count = jnp.maximum(jnp.sum(ends.valid, dtype=jnp.float32), 1.0)
         reach = jnp.asarray([self.reach_translation, self.reach_translation, self.reach_rotation])

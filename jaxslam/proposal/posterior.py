@@ -1,4 +1,4 @@
-"""The posterior of a pose given map, scan and motion model, and how proposals compare poses by it."""
+"""The posterior of a pose given map, scan and motion model; proposals compare poses by it."""
 
 import equinox as eqx
 import jax
@@ -51,7 +51,7 @@ class PosePosterior(eqx.Module):
         return Candidate(pose, log_likelihood, log_likelihood + self.prior_weight * self.prior.log_prob(pose))
 
     def evaluate_pair(self, one: Float[Array, "3"], other: Float[Array, "3"]) -> tuple[Candidate, Candidate]:
-        """Evaluate two poses in one compiled body, which shares what depends on the scan alone."""
+        """Evaluate two poses in one compiled body, which shares the computations on the scan alone."""
         both = jax.vmap(self.evaluate)(jnp.stack([one, other]))
         return jax.tree.map(lambda leaf: leaf[0], both), jax.tree.map(lambda leaf: leaf[1], both)
 
@@ -73,7 +73,7 @@ def finalize(
 
     Args:
         drawn: from the motion model.
-        chosen: by the proposal.
+        chosen: the candidate chosen by the proposal.
         enough: whether the scan has enough valid beams.
         searched: whether the particle had lost the map and was searched for.
         log_ratio: log p(x | x_prev, u) − log q(x) at `chosen`. None for a proposal without a density: its

@@ -1,4 +1,4 @@
-"""How much a proposal trusts the motion model as a prior of the pose."""
+"""The motion model as a prior of the pose, and how much a proposal trusts it."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,15 +12,15 @@ from jaxslam.motion.base import AbstractMotionModel
 
 
 class PriorTrust(eqx.Module):
-    """How much a match trusts the motion model.
+    """Trust of a match in the motion model.
 
     Attributes:
-        translation: what its precision in position counts for, against that of the beams, which are not
-            independent of each other either.
-        rotation: and its precision in heading.
-        least_translation: standard deviation in position that it is taken to have at least, meters: what the
-            map itself is off by. Odometry that is better than this would never be corrected by a scan.
-        least_rotation: and in heading, radians.
+        translation: weight of the motion prior's positional precision relative to the scan (0 ignores the
+            prior, 1 trusts it fully). Beams are not independent, so their precision is overstated too.
+        rotation: weight of the prior's precision in heading.
+        least_translation: lower limit of the prior's standard deviation in position, meters: the error of the
+            map itself. Without it, a scan would never correct odometry that is more precise than this.
+        least_rotation: lower limit of the prior's standard deviation in heading, radians.
     """
 
     translation: float | Float[Array, ""] = 0.1
@@ -34,13 +34,13 @@ class PriorTrust(eqx.Module):
     def around(
         self, motion: AbstractMotionModel, odometry: OdometryIncrement, drawn: Float[Array, "3"]
     ) -> PosePrior:
-        """The prior about a draw `[3]` of the motion model, which each particle keeps its own of."""
+        """Return the prior centered on a particle's own draw `[3]` of the motion model."""
         least = jnp.asarray([self.least_translation, self.least_translation, self.least_rotation])
         scale = jnp.sqrt(jnp.asarray([self.translation, self.translation, self.rotation]))
         covariance = motion.covariance(odometry)
         wider = jnp.maximum(least / jnp.sqrt(jnp.diagonal(covariance)), 1.0)
         precision = inverse_symmetric(covariance * wider[:, None] * wider[None, :])
-        # Into the world's axes.
+        # Rotate into the world's axes.
         cos, sin = jnp.cos(drawn[2]), jnp.sin(drawn[2])
         one, zero = jnp.ones_like(cos), jnp.zeros_like(cos)
         turn = jnp.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one]).reshape(3, 3)

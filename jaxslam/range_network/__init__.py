@@ -1,9 +1,8 @@
-"""A small network that corrects the ranges of a cheap lidar, learnt in front of a wall.
+"""A small neural network that corrects the ranges of a low-cost lidar, trained on readings of a wall.
 
-What corrects is here; what trains, `jaxslam.range_network.learning`, needs the extra `train`.
+This package applies the network; training, `jaxslam.range_network.learning`, needs the extra `train`.
 """
 
-from jaxslam.range_network.file import load_network, save_network
-from jaxslam.range_network.network import RangeNetwork
+from jaxslam.range_network.network import RangeNetwork, load_network, save_network
 
 __all__ = ["RangeNetwork", "load_network", "save_network"]

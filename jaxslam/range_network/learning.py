@@ -1,4 +1,4 @@
-"""From readings to a network: what it learns from, what chooses it, and what it is judged by."""
+"""Training of a network from readings, its selection by validation, and its held-out readings."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from jaxslam.range_network.readings import Readings
 from jaxslam.range_network.training import Fit, Rows, fit_adam, fit_levenberg_marquardt
 
 _ENOUGH_TO_HOLD_OUT, _EVERY = 10, 5
-"""From so many distances on, every fifth is held out."""
+"""Smallest number of distances with which every fifth is held out."""
 _ENOUGH_TO_VALIDATE, _EVERY_OTHER = 6, 4
-"""From so many others on, every fourth of them validates."""
+"""Smallest number of remaining distances with which every fourth is used for validation."""
 _SAME = 1e-6
 
 Method = Literal["levenberg-marquardt", "adam"]
@@ -24,16 +24,16 @@ Method = Literal["levenberg-marquardt", "adam"]
 
 @dataclass(frozen=True)
 class Split:
-    """Which readings the network learns from.
+    """Split of the readings into training, validation and held-out readings.
 
-    A network of many neurons can learn a staircase: right at every distance that it has seen and at none in
-    between. So it is validated at distances that it does not learn from, and judged at others still.
+    A network of many neurons can learn a staircase: right at every training distance and wrong at all
+    distances in between. It is therefore validated at other distances, and evaluated at yet others.
 
     Attributes:
-        training: `[M]` the readings that it learns from.
-        validation: `[M]` those that stop the training and choose the network; none where there are too few
-            distances.
-        held_out: `[M]` those that nothing is learnt or chosen by.
+        training: `[M]` the readings used for training.
+        validation: `[M]` the readings that stop the training and select the network; none if there are too
+            few distances.
+        held_out: `[M]` the readings used for neither.
     """
 
     training: Bool[np.ndarray, "M"]
@@ -42,17 +42,17 @@ class Split:
 
     @classmethod
     def from_readings(cls, readings: Readings, held_out: Sequence[float] | None = None) -> "Split":
-        """A split by distances.
+        """Split readings by distance.
 
-        The nearest and the farthest distance are learnt from, unless they are named: a network does not
-        extrapolate.
+        The nearest and the farthest distance are used for training unless `held_out` names them, because a
+        network does not extrapolate.
 
         Args:
-            readings: all of them.
-            held_out: distances to judge by, meters; None takes every fifth where there are ten or more.
+            readings: all readings.
+            held_out: distances to hold out, meters; None takes every fifth if there are ten or more.
 
         Raises:
-            ValueError: a distance is none of the readings', or fewer than two are left to learn from.
+            ValueError: there are no readings at a named distance, or fewer than two distances remain.
         """
         distances = readings.distances
         judged = _named(distances, held_out) if held_out is not None else _every_fifth(distances)
@@ -60,8 +60,7 @@ class Split:
         if len(rest) < 2:
             left = f"one distance ({distances[rest[0]]:g} m) is" if len(rest) else "no distance is"
             raise ValueError(
-                f"{left} left to learn from: what a lidar is off by from one distance to another takes two "
-                "or more"
+                f"{left} left to learn from: range errors that vary with distance need two or more distances"
             )
         validates = np.zeros(len(distances), bool)
         if len(rest) >= _ENOUGH_TO_VALIDATE:
@@ -76,7 +75,7 @@ def _named(distances: Float64[np.ndarray, "D"], named: Sequence[float]) -> Bool[
         nearest = int(np.argmin(np.abs(distances - value)))
         if not abs(distances[nearest] - value) <= _SAME:
             raise ValueError(
-                f"no readings at {value:g} m, which are to be held out: the nearest are at "
+                f"no readings at the held-out distance {value:g} m: the nearest are at "
                 f"{distances[nearest]:g} m"
             )
         chosen[nearest] = True
@@ -92,12 +91,12 @@ def _every_fifth(distances: Float64[np.ndarray, "D"]) -> Bool[np.ndarray, "D"]:
 
 @dataclass(frozen=True)
 class Attempt:
-    """One size of network, the best of its restarts.
+    """The best of the restarts with one size of network.
 
     Attributes:
-        num_neurons: of the hidden layer.
-        rmse: in training and in validation, meters.
-        steps: until the best validation error.
+        num_neurons: size of the hidden layer.
+        rmse: root mean square error in training and in validation, meters.
+        steps: training steps until the best validation error.
     """
 
     num_neurons: int
@@ -110,10 +109,10 @@ class TrainingResult:
     """A network and how it was chosen.
 
     Attributes:
-        network: that of the lowest validation error over sizes and restarts.
+        network: the network with the lowest validation error over sizes and restarts.
         fit: its training.
         attempts: one per size.
-        split: of the readings.
+        split: the split of the readings.
     """
 
     network: RangeNetwork
@@ -123,7 +122,7 @@ class TrainingResult:
 
 
 def check_sizes(neurons: Sequence[int], restarts: int) -> None:
-    """Raises a `ValueError` for sizes and restarts that nothing can be learnt with."""
+    """Raise `ValueError` unless there is a size, every size is positive, and there is a restart."""
     if not neurons or restarts < 1:
         raise ValueError(f"{len(neurons)} sizes and {restarts} restarts: give one or more of each")
     if small := [size for size in neurons if size < 1]:
@@ -140,22 +139,22 @@ def learn(
     method: Method = "levenberg-marquardt",
     on_attempt: Callable[[Attempt], None] | None = None,
 ) -> TrainingResult:
-    """Trains networks from several starts and keeps the one that validates best.
+    """Train networks from several initializations and keep the one with the lowest validation error.
 
-    Where nothing validates, only the mean reading of each distance is learnt: from so few of them a network
-    would learn the scatter of each as a step, and be decimeters off in between.
+    Without validation readings, only the mean reading of each distance is learned. From so few distances a
+    network would learn the scatter at each as a step, and be decimeters off in between.
 
     Args:
-        key: of the starts.
-        readings: all of them.
-        split: of the readings.
+        key: PRNG key of the initializations.
+        readings: all readings.
+        split: the split of the readings.
         neurons: sizes of the hidden layer to choose from.
         restarts: trainings per size.
-        method: what trains them.
-        on_attempt: is told of every size that is done.
+        method: training method.
+        on_attempt: called after each size.
 
     Raises:
-        ValueError: no size, no restart, readings that cannot be learnt from, or a training that diverged.
+        ValueError: there is no size or restart, the readings are all equal, or every training diverged.
     """
     check_sizes(neurons, restarts)
     learnt_from = readings.where(split.training)
@@ -167,10 +166,12 @@ def learn(
     else:
         means = learnt_from.means()
         training = validation = Rows.from_readings(means.measured, means.true)
-    # Not beyond what it learns from: there the correction is held.
+    # The trained interval ends with the training readings: beyond them the correction stays constant.
     shortest, longest = float(jnp.min(training.measured)), float(jnp.max(training.measured))
     if not longest > shortest:
-        raise ValueError(f"the lidar read {shortest:g} m at every distance: does its beam face the wall?")
+        raise ValueError(
+            f"the lidar read {shortest:g} m at every distance: check that its beam faces the wall"
+        )
     fit = {"levenberg-marquardt": fit_levenberg_marquardt, "adam": fit_adam}[method]
     fits: list[Fit] = []
     for size, key_size in zip(neurons, jax.random.split(key, len(neurons)), strict=True):
@@ -187,7 +188,10 @@ def learn(
             on_attempt(_attempt(fits[-1]))
     best = min(fits, key=_validation_error)
     if not np.isfinite(_validation_error(best)):
-        raise ValueError("no training came to a number: are the readings those of a wall?")
+        raise ValueError(
+            "training diverged in every restart (non-finite loss): check that the readings come from a flat "
+            "wall"
+        )
     return TrainingResult(best.network, best, tuple(map(_attempt, fits)), split)
 
 

@@ -1,4 +1,8 @@
-"""One input, a hidden layer of tanh neurons, one output: from a range read to the range that is true."""
+"""A network from measured to true range: one input, a hidden layer of tanh neurons, one output."""
+
+import io
+import json
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -8,29 +12,32 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from jaxslam.core.types import LidarScan, StepInputs
 
 _STEEPEST = 4.0
-"""Steps of a new neuron over half the interval: as steep as many neurons would have it, each would learn the
-readings at one distance and nothing in between."""
+"""Largest input weight of a new neuron. The weight that many neurons call for would let each neuron learn the
+readings at one distance only."""
 _NUM_FITTED, _SMALLEST = 200, 1e-5
-"""Points at which a new network is made to correct nothing, and the smallest singular value used for it, as a
-share of the largest: smaller ones would make large weights that cancel each other."""
+"""Number of points at which a new network is fitted to the identity, and the smallest singular value used for
+the fit, relative to the largest. Smaller values would give large weights that cancel each other."""
+
+_FORMAT, _VERSION = "jaxslam range network", 1
+_MAX_NEURONS = 100_000
 
 
 class RangeNetwork(eqx.Module):
-    """Corrects ranges. Normalization is inside: in and out are meters.
+    """Correction of ranges. Inputs and outputs are in meters; the network normalizes them internally.
 
-    Beyond the interval that it was trained on the correction of the interval's end is held: what tanh
-    neurons say there is made up.
+    Beyond the trained interval, the correction at the nearer end of the interval is used, because tanh
+    neurons do not extrapolate.
 
     Attributes:
         weights_in: `[H]` from the input to the hidden layer.
         biases: `[H]` of the hidden layer.
-        weights_out: `[H]` from it to the output.
+        weights_out: `[H]` from the hidden layer to the output.
         bias_out: of the output.
-        shortest: trained interval, meters.
-        longest: its end, meters.
+        shortest: start of the trained interval, meters.
+        longest: end of the trained interval, meters.
 
     References:
-        The third paper, "ann": 50 tanh neurons, a linear output.
+        Jamaludin et al.: 50 tanh neurons, a linear output.
     """
 
     weights_in: Float[Array, "H"]
@@ -42,30 +49,30 @@ class RangeNetwork(eqx.Module):
 
     @classmethod
     def draw(cls, key: PRNGKeyArray, num_neurons: int, shortest: float, longest: float) -> "RangeNetwork":
-        """A network to start training from.
+        """Draw an untrained network that leaves ranges unchanged.
 
-        Neurons switch evenly over the interval, at steepnesses that make neighbors overlap (Nguyen and
-        Widrow 1990): with all of them in one place training ends early. Many of them are less steep than
-        that, or they begin as a staircase.
+        Neurons switch at points spread evenly over the interval, with steepnesses that make neighbors overlap
+        (Nguyen and Widrow 1990): if all switch at one point, training ends early. In large networks they are
+        less steep than in the source, because the network would otherwise start as a staircase.
 
         Args:
-            key: draws where and how steep.
+            key: PRNG key of the positions and steepnesses.
             num_neurons: H ≥ 1.
             shortest: shortest range of the readings, meters.
-            longest: the longest, > `shortest`.
+            longest: longest range of the readings, meters, > `shortest`.
         """
         if num_neurons < 1:
             raise ValueError(f"num_neurons is {num_neurons}: give 1 or more")
         if not longest > shortest:
-            raise ValueError(f"ranges from {shortest} to {longest} m: a network needs an interval")
+            raise ValueError(f"ranges from {shortest} to {longest} m: give a longest above the shortest")
         key_where, key_steep = jax.random.split(key)
         steepness = 0.7 * num_neurons * jax.random.uniform(key_steep, (num_neurons,), jnp.float32, 0.5, 1.0)
         steepness = jnp.clip(steepness, 1.0, _STEEPEST)
         jitter = jax.random.uniform(key_where, (num_neurons,), jnp.float32, -0.5, 0.5)
         where = 2.0 * (jnp.arange(num_neurons, dtype=jnp.float32) + 0.5 + jitter) / num_neurons - 1.0
         biases = -steepness * where
-        # It begins as one that corrects nothing. The readings move it no further than they must, so that it
-        # stays smooth between few distances.
+        # The network starts as the identity. Training changes it no more than necessary, so that it stays
+        # smooth between few distances.
         inputs = jnp.linspace(-1.0, 1.0, _NUM_FITTED, dtype=jnp.float32)
         hidden = jnp.tanh(jnp.outer(inputs, steepness) + biases[None])
         terms = jnp.concatenate([hidden, jnp.ones((_NUM_FITTED, 1), jnp.float32)], axis=1)
@@ -81,11 +88,11 @@ class RangeNetwork(eqx.Module):
 
     @property
     def num_neurons(self) -> int:
-        """H."""
+        """Return the number of neurons H of the hidden layer."""
         return self.weights_in.shape[0]
 
     def __call__(self, ranges: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
-        """Corrected ranges, meters."""
+        """Return corrected ranges, meters."""
         half = 0.5 * (self.longest - self.shortest)
         held = jnp.clip(ranges, self.shortest, self.longest)
         normalized = jnp.vectorize(self._output)((held - self.shortest) / half - 1.0)
@@ -93,17 +100,66 @@ class RangeNetwork(eqx.Module):
         return ranges + (corrected - held)
 
     def _output(self, normalized: Float[Array, ""]) -> Float[Array, ""]:
-        """Of the layers, −1 to 1 over the interval as the input is."""
+        """Return the output of the layers; −1 to 1 spans the interval, as for the input."""
         return jnp.tanh(normalized * self.weights_in + self.biases) @ self.weights_out + self.bias_out
 
     def correct(self, scan: LidarScan) -> LidarScan:
-        """The scan with its ranges corrected; a beam that returned nothing stays so."""
+        """Return the scan with corrected ranges; a beam without a return stays unchanged."""
         corrected = jnp.maximum(self(scan.ranges), 0.0)
         return eqx.tree_at(lambda s: s.ranges, scan, jnp.where(scan.valid, corrected, scan.ranges))
 
 
 def with_corrected_ranges(network: RangeNetwork | None, inputs: StepInputs) -> StepInputs:
-    """A step's inputs with the network applied to its scan, where there is one."""
+    """Return the inputs of a step with the network, if any, applied to the scan."""
     if network is None:
         return inputs
     return eqx.tree_at(lambda i: i.scan, inputs, network.correct(inputs.scan))
+
+
+def save_network(path: Path, network: RangeNetwork) -> None:
+    """Write a network, to be loaded with `load_network`."""
+    header = {"format": _FORMAT, "version": _VERSION, "neurons": network.num_neurons}
+    with path.open("wb") as stream:
+        stream.write(json.dumps(header).encode("ascii") + b"\n")
+        eqx.tree_serialise_leaves(stream, network)
+
+
+def load_network(path: Path) -> RangeNetwork:
+    """Read a network.
+
+    Raises:
+        ValueError: the file is not a network, is of another version, or is damaged.
+        OSError: the file cannot be read.
+    """
+    content = path.read_bytes()
+    first, _, rest = content.partition(b"\n")
+    try:
+        header = json.loads(first)
+        known = isinstance(header, dict) and header.get("format") == _FORMAT
+    except ValueError:
+        known = False
+    if not known:
+        raise ValueError(f"{path}: not a range network; `jaxslam train-range` writes one")
+    if header.get("version") != _VERSION:
+        raise ValueError(
+            f"{path}: range network of version {header.get('version')}, but this release reads version "
+            f"{_VERSION}: train it again with `jaxslam train-range`"
+        )
+    count = header.get("neurons")
+    if not (isinstance(count, int) and 1 <= count <= _MAX_NEURONS):
+        raise ValueError(f"{path}: number of neurons in the header is {count!r}: the file is damaged")
+    blank = jax.eval_shape(lambda: RangeNetwork.draw(jax.random.key(0), count, 0.0, 1.0))
+    blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), blank)
+    stream = io.BytesIO(rest)
+    try:
+        network = eqx.tree_deserialise_leaves(stream, blank)
+    except (RuntimeError, ValueError, EOFError, OSError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ValueError(
+            f"{path}: damaged, or not of {count} neurons as stated in its header ({reason})"
+        ) from error
+    if stream.read(1):
+        raise ValueError(f"{path}: longer than the {count} neurons of its header: the file is damaged")
+    if not all(bool(jnp.isfinite(leaf).all()) for leaf in jax.tree.leaves(network)):
+        raise ValueError(f"{path}: a parameter is not finite: train the network again")
+    return network

@@ -13,20 +13,20 @@ from jaxslam.io import read_log
 
 _COLUMNS = ("true_m", "measured_m")
 _LONGEST = 500.0
-"""No 2D lidar sees farther, meters: such numbers are millimeters."""
+"""Meters. No 2D lidar has a longer range, so larger numbers are assumed to be millimeters."""
 _REPEATED, _MORE = 5, 2
-"""Columns are taken for exchanged where each reading comes that many times on average, and there are so many
-times as many distances as readings."""
+"""The columns are assumed to be exchanged if each reading occurs more than 5 times on average and there are
+more than twice as many distances as readings."""
 
 
 @dataclass(frozen=True)
 class Readings:
-    """What a lidar read, and what it should have.
+    """Readings of a lidar and the true distances.
 
     Attributes:
         true: `[M]` distances of the wall, meters.
         measured: `[M]` readings, meters.
-        num_lost: readings without a return, which are left out.
+        num_lost: number of readings without a return, which are excluded.
     """
 
     true: Float64[np.ndarray, "M"]
@@ -41,21 +41,21 @@ class Readings:
 
     @property
     def distances(self) -> Float64[np.ndarray, "D"]:
-        """The different true distances, ascending, meters."""
+        """Return the distinct true distances, ascending, meters."""
         return np.unique(self.true)
 
     def where(self, chosen: Bool[np.ndarray, "M"]) -> "Readings":
-        """Those of the readings that a mask chooses."""
+        """Return the readings selected by a mask."""
         return Readings(self.true[chosen], self.measured[chosen])
 
     def means(self) -> "Readings":
-        """One reading for each distance, the mean of all there."""
+        """Return one reading for each distance, the mean of its readings."""
         distances, at = np.unique(self.true, return_inverse=True)
         return Readings(distances, np.bincount(at, self.measured) / np.bincount(at))
 
     @classmethod
     def joined(cls, parts: Sequence["Readings"]) -> "Readings":
-        """All readings of several recordings."""
+        """Return the readings of several recordings in one."""
         return cls(
             np.concatenate([part.true for part in parts]),
             np.concatenate([part.measured for part in parts]),
@@ -64,34 +64,36 @@ class Readings:
 
 
 def read_readings(source: str, *, bearing: float = 0.0) -> Readings:
-    """Readings from a table or a recording.
+    """Read a table or a recording.
 
     Args:
-        source: the path of a CSV file with the columns `true_m` and `measured_m`, meters; or `PATH:DISTANCE`,
-            a log of a robot that stands before a wall, and how far off that is, meters.
-        bearing: of the beam that faces the wall, in the lidar's frame, radians.
+        source: path of a CSV file with the columns `true_m` and `measured_m`, meters; or `PATH:DISTANCE`, a
+            log of a robot that stands before a wall, and the distance of the wall, meters.
+        bearing: bearing of the beam that faces the wall, in the lidar's frame, radians.
 
     Raises:
-        ValueError: there is nothing to learn from in it.
-        OSError: it cannot be read.
+        ValueError: the source has no usable readings.
+        OSError: the source cannot be read.
     """
     path, colon, distance = source.rpartition(":")
     if colon and _number(distance) is not None:
         return read_wall_log(Path(path), float(distance), bearing=bearing)
     if Path(source).suffix.lower() != ".csv":
         raise ValueError(
-            f"{source}: give a table as FILE.csv, and a log with the distance of the wall in meters, "
+            f"{source}: give a table as FILE.csv, or a log with the distance of the wall in meters, "
             f"as {source}:1.5"
         )
     return read_readings_csv(Path(source))
 
 
 def read_wall_log(path: Path, distance: float, *, bearing: float = 0.0) -> Readings:
-    """Readings of the one beam that faces a wall; see `read_readings`."""
+    """Read the one beam of a log that faces a wall; see `read_readings`."""
     if not (math.isfinite(distance) and 0.0 < distance < _LONGEST):
-        raise ValueError(f"{path}: its wall is said to be {distance:g} m off: give meters, more than 0")
+        raise ValueError(
+            f"{path}: distance of the wall is {distance:g} m: give more than 0 and less than {_LONGEST:g}"
+        )
     if not math.isfinite(bearing):
-        raise ValueError(f"{path}: a bearing of {bearing:g}: give radians")
+        raise ValueError(f"{path}: bearing is {bearing:g}: give radians")
     scans = read_log(path).scans
     if scans is None or not len(scans.ranges):
         raise ValueError(f"{path}: no scan in it")
@@ -102,23 +104,23 @@ def read_wall_log(path: Path, distance: float, *, bearing: float = 0.0) -> Readi
     nearest = np.take_along_axis(off, beam, axis=1)[:, 0]
     if np.any(nearest > np.abs(scans.angle_increment)):
         raise ValueError(
-            f"{path}: no beam at a bearing of {bearing:g} rad: the nearest is {nearest.max():.3g} off"
+            f"{path}: no beam at a bearing of {bearing:g} rad: the nearest is {nearest.max():.3g} rad off"
         )
     ranges = np.take_along_axis(scans.ranges, beam, axis=1)[:, 0].astype(np.float64)
     return _with_returns(str(path), np.full(len(ranges), distance), ranges)
 
 
 def read_readings_csv(path: Path) -> Readings:
-    """Readings from a table; see `read_readings`."""
+    """Read a table; see `read_readings`."""
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as stream:
         try:
             rows = [
                 (number, row) for number, row in enumerate(csv.reader(stream), 1) if any(map(str.strip, row))
             ]
         except csv.Error as error:
-            raise ValueError(f"{path}: no table: {error}") from None
+            raise ValueError(f"{path}: not a CSV table: {error}") from None
     if not rows:
-        raise ValueError(f"{path}: empty; it should have the columns {' and '.join(_COLUMNS)}")
+        raise ValueError(f"{path}: empty; give the columns {' and '.join(_COLUMNS)}")
     header = [name.strip().lower() for name in rows[0][1]]
     missing = [name for name in _COLUMNS if name not in header]
     if missing:
@@ -128,7 +130,7 @@ def read_readings_csv(path: Path) -> Readings:
         )
     twice = [name for name in _COLUMNS if header.count(name) > 1]
     if twice:
-        raise ValueError(f"{path}: two columns {twice[0]} in its first line: which one is meant?")
+        raise ValueError(f"{path}: two columns {twice[0]} in its first line: remove one")
     places = [header.index(name) for name in _COLUMNS]
     numbers = [_row(path, line, row, places) for line, row in rows[1:]]
     if not numbers:
@@ -141,11 +143,11 @@ def read_readings_csv(path: Path) -> Readings:
 
 def _row(path: Path, line: int, row: list[str], places: list[int]) -> tuple[float, float]:
     texts = [row[place].strip() if place < len(row) else "" for place in places]
-    # A lidar's reading may well be empty: nothing came back.
+    # The measured column may be empty: the beam did not return.
     true, measured = _number(texts[0]), _number(texts[1] or "nan")
     for name, text, number in zip(_COLUMNS, texts, (true, measured), strict=True):
         if number is None:
-            raise ValueError(f"{path}: line {line}: {name} is {text!r}, which is no number")
+            raise ValueError(f"{path}: line {line}: {name} is {text!r}, which is not a number")
     assert true is not None
     assert measured is not None
     return true, measured
@@ -157,25 +159,25 @@ def _check_distances(
     measured: Float64[np.ndarray, "M"],
     lines: Int[np.ndarray, "M"],
 ) -> None:
-    """Raises a `ValueError` for distances that are none, and for columns that were exchanged."""
+    """Raise `ValueError` for invalid distances and for exchanged columns."""
     read = measured[np.isfinite(measured) & (measured > 0)]
     num_true, num_read = len(np.unique(true)), len(np.unique(read))
-    # A wall stands at few distances and is read as many.
+    # A wall is recorded at few distances, but yields many different readings.
     if len(read) > _REPEATED * num_read and num_true > _MORE * num_read:
         raise ValueError(
-            f"{path}: true_m has {num_true} different values and measured_m {num_read}, where a wall stands "
-            "at few distances and is read as many: are the columns exchanged?"
+            f"{path}: true_m has {num_true} different values and measured_m {num_read}, but a wall has few "
+            "distances and many readings: are the columns exchanged?"
         )
     bad = np.flatnonzero(~np.isfinite(true) | (true <= 0))
     if len(bad):
         raise ValueError(
-            f"{path}: line {lines[bad[0]]}: true_m is {true[bad[0]]:g}: give meters, more than 0 (a reading "
-            "may be lost, a distance not: are the columns exchanged?)"
+            f"{path}: line {lines[bad[0]]}: true_m is {true[bad[0]]:g}: give meters, more than 0 (only a "
+            "reading may be missing: are the columns exchanged?)"
         )
     far = np.flatnonzero(true > _LONGEST)
     if len(far):
         raise ValueError(
-            f"{path}: line {lines[far[0]]}: a wall {true[far[0]]:g} m off: are these millimeters? Give meters"
+            f"{path}: line {lines[far[0]]}: true_m is {true[far[0]]:g}: are these millimeters? Give meters"
         )
 
 
@@ -189,7 +191,7 @@ def _with_returns(name: str, true: Float64[np.ndarray, "M"], measured: Float64[n
 
 
 def _number(text: str) -> float | None:
-    # Python reads `2_0` as 20, where a table means something else, or nothing.
+    # Python reads `2_0` as 20, but in a table it is more likely an error.
     if "_" in text:
         return None
     try:

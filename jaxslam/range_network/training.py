@@ -1,4 +1,4 @@
-"""Training: Levenberg–Marquardt until the error on readings it has not seen stops falling."""
+"""Training by Levenberg–Marquardt with early stopping on validation readings."""
 
 import dataclasses
 from functools import partial
@@ -19,15 +19,15 @@ _Parameters = tuple[Float[Array, "H"], Float[Array, "H"], Float[Array, "H"], Flo
 
 
 class Rows(eqx.Module):
-    """Readings to learn from; equal ones count as one row with their number for a weight.
+    """Readings for training, in which equal readings form one row, weighted by their number.
 
     The squared error summed over rows differs from that over single readings by a constant.
 
     Attributes:
         measured: `[R]` meters.
-        true: `[R]` mean true distance of the readings, meters.
-        weight: `[R]` their share of all; the sum is 1.
-        scatter: mean square of what the true distances are spread within rows, m²: the constant.
+        true: `[R]` mean true distance of the row's readings, meters.
+        weight: `[R]` share of the row among all readings; the sum is 1.
+        scatter: mean variance of the true distances within rows, m²: the constant above.
     """
 
     measured: Float[Array, "R"]
@@ -39,12 +39,12 @@ class Rows(eqx.Module):
     def from_readings(
         cls, measured: Float64[np.ndarray, "M"], true: Float64[np.ndarray, "M"], resolution: float = 1e-3
     ) -> "Rows":
-        """Rows of single readings.
+        """Group single readings into rows.
 
         Args:
             measured: `[M]` readings, meters, M ≥ 1.
-            true: `[M]` distances at which they were taken, meters.
-            resolution: readings that agree within this are one row, meters; a lidar's own is 1 mm.
+            true: `[M]` true distances, meters.
+            resolution: readings equal after rounding to this form one row, meters; a lidar's own is 1 mm.
         """
         cells, row = np.unique(np.round(measured / resolution).astype(np.int64), return_inverse=True)
         count = np.bincount(row, minlength=len(cells)).astype(float)
@@ -57,12 +57,12 @@ class Rows(eqx.Module):
 
 
 class Fit(eqx.Module):
-    """What came out of one training.
+    """Result of one training.
 
     Attributes:
-        network: that of the lowest validation error.
-        steps: taken until then.
-        history: `[T, 2]` mean squared error in training and in validation after each step, m²; NaN for those
+        network: the network with the lowest validation error.
+        steps: steps taken to reach it.
+        history: `[T, 2]` mean squared error in training and in validation after each step, m²; NaN for steps
             that were not taken.
     """
 
@@ -72,12 +72,12 @@ class Fit(eqx.Module):
 
     @property
     def mse(self) -> Float[Array, "2"]:
-        """In training and in validation, m², of the network kept."""
+        """Return the mean squared error of the kept network in training and in validation, m²."""
         return self.history[jnp.maximum(self.steps - 1, 0)]
 
 
 def mean_squared_error(network: RangeNetwork, rows: Rows) -> Float[Array, ""]:
-    """Over the readings behind the rows, m²."""
+    """Return the mean squared error over the readings behind the rows, m²."""
     residuals = network(rows.measured) - rows.true
     return jnp.sum(rows.weight * residuals * residuals) + rows.scatter
 
@@ -91,17 +91,17 @@ def fit_levenberg_marquardt(
     *,
     max_steps: int = 300,
 ) -> Fit:
-    """Trains by Levenberg–Marquardt with early stopping.
+    """Train by Levenberg–Marquardt with early stopping.
 
     Args:
-        network: to start from.
-        training: what it learns from.
+        network: the initial network.
+        training: readings for training.
         validation: other readings, whose error decides when to stop and which step is kept.
-        patience: steps without a better validation error after which it stops.
-        max_steps: it stops at the latest then (static).
+        patience: training stops after this number of steps without a lower validation error.
+        max_steps: largest number of steps (static).
 
     References:
-        The third paper, "ann"; the solver is optimistix's.
+        Jamaludin et al.; the solver is optimistix's.
     """
     solver: Any = optimistix.LevenbergMarquardt(
         rtol=1e-8, atol=1e-8, linear_solver=lineax.Normal(lineax.Cholesky())
@@ -134,7 +134,7 @@ def fit_adam(
     learning_rate: float | Float[Array, ""] = 3e-3,
     max_steps: int = 20_000,
 ) -> Fit:
-    """Trains by Adam on all readings at once, for comparison; as `fit_levenberg_marquardt` otherwise."""
+    """Train by Adam on all readings at once, for comparison; otherwise like `fit_levenberg_marquardt`."""
     optimizer = optax.adam(learning_rate)
 
     def loss(parameters: _Parameters) -> Float[Array, ""]:
@@ -157,7 +157,7 @@ def _early_stopping(
     patience: int | Int[Array, ""],
     max_steps: int,
 ) -> Fit:
-    """Steps until the validation error has not fallen for `patience` of them; keeps the best."""
+    """Take steps until the validation error has not fallen for `patience` steps; keep the best."""
 
     def errors(parameters: _Parameters) -> Float[Array, "2"]:
         trained = _with_parameters(network, parameters)

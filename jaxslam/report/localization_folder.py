@@ -16,7 +16,7 @@ from jaxslam.metrics.summary import trajectory_figures
 from jaxslam.pipeline.localize import LocalizationResult
 from jaxslam.report.folder import make_folder, write_json
 from jaxslam.report.provenance import peak_rss_mb, versions
-from jaxslam.viz.localization import plot_localization, save_localization_curves
+from jaxslam.viz.clouds import plot_localization, save_localization_curves
 
 
 def save_localization(result: LocalizationResult, folder: Path) -> Path:

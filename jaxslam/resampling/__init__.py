@@ -1,4 +1,4 @@
-"""Resampling: which particles go on, and when it is time to choose."""
+"""Resampling: which particles continue, and when to resample."""
 
 from jaxslam.resampling._permute import keep_survivors_in_place
 from jaxslam.resampling.adaptive import AdaptiveResampling, Resampling

@@ -1,4 +1,4 @@
-"""Resampling only when the weights have degenerated."""
+"""Adaptive resampling: resample only when the weights have degenerated."""
 
 import equinox as eqx
 import jax
@@ -10,14 +10,13 @@ from jaxslam.resampling.ess import effective_sample_size, normalize
 
 
 class Resampling(eqx.Module):
-    """The outcome of one resampling decision.
+    """Result of one resampling decision.
 
     Attributes:
-        ancestors: `[N]` int32, the particle that each slot continues; `arange(N)` where nothing was
-            resampled.
-        log_weights: `[N]` normalized log-weights afterwards; −log N where it was resampled.
-        resampled: whether it was.
-        ess: effective sample size of the weights that came in, between 1 and N.
+        ancestors: `[N]` int32, the particle that each slot continues; `arange(N)` without resampling.
+        log_weights: `[N]` normalized log-weights afterwards; −log N after resampling.
+        resampled: whether resampling took place.
+        ess: effective sample size of the incoming weights, between 1 and N.
     """
 
     ancestors: Int[Array, "N"]
@@ -27,30 +26,30 @@ class Resampling(eqx.Module):
 
 
 class AdaptiveResampling(eqx.Module):
-    """Applies a scheme when the effective sample size falls below `threshold · N`.
+    """Resampling with a scheme when the effective sample size falls below `threshold · N`.
 
-    A set of which no weight is finite is left as it is, with uniform weights and `resampled` false.
+    If no weight is finite, the set is kept, with uniform weights and `resampled` false.
 
     Attributes:
-        scheme: chooses the ancestors.
-        threshold: fraction of N, ≥ 0: 0 never resamples, above 1 always does.
+        scheme: resampling scheme that chooses the ancestors.
+        threshold: fraction of N, ≥ 0; 0 never resamples, a value above 1 always does.
 
     References:
-        tobacco (16), mine (17), ann (2): resample when N_eff < N/2.
+        Liang et al. (16), Yang et al. 2019 (17), Jamaludin et al. (2): resample when N_eff < N/2.
     """
 
     scheme: AbstractResampler
     threshold: float | Float[Array, ""] = 0.5
 
     def __check_init__(self):
-        # A traced threshold cannot be looked at; `not >=` also refuses NaN.
+        # The value of a traced threshold is not available; `not >=` also rejects NaN.
         if isinstance(self.threshold, float) and not self.threshold >= 0.0:
             raise ValueError(
                 f"AdaptiveResampling: threshold is {self.threshold}, must be >= 0 (a fraction of N)"
             )
 
     def __call__(self, key: PRNGKeyArray, log_weights: Float[Array, "N"]) -> Resampling:
-        """Decides on log-weights `[N]`, which need not be normalized, and resamples if need be."""
+        """Resample from log-weights `[N]`, which need not be normalized, if they have degenerated."""
         count = log_weights.shape[0]
         ess = effective_sample_size(log_weights)
         resampled = (ess < self.threshold * count) & jnp.any(jnp.isfinite(log_weights))

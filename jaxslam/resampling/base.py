@@ -1,4 +1,4 @@
-"""What a resampling scheme is."""
+"""The contract of a resampling scheme."""
 
 import abc
 
@@ -7,14 +7,13 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 
 class AbstractResampler(eqx.Module):
-    """Chooses ancestors in proportion to the weights."""
+    """A scheme that chooses ancestors in proportion to the weights."""
 
     @abc.abstractmethod
     def ancestors(self, key: PRNGKeyArray, log_weights: Float[Array, "N"]) -> Int[Array, "N"]:
-        """Indices `[N]` (int32) of the particles that go on; unbiased: E[count of i] = N · w_i.
+        """Return indices `[N]` (int32) of the particles that continue; unbiased: E[count of i] = N · w_i.
 
         Args:
             key: PRNG key.
-            log_weights: `[N]` natural log, need not be normalized; −inf is a particle that cannot
-                go on.
+            log_weights: `[N]` natural log, need not be normalized; −inf is a particle that cannot continue.
         """

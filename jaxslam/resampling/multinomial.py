@@ -10,14 +10,14 @@ from jaxslam.resampling.base import AbstractResampler
 
 
 class MultinomialResampler(AbstractResampler):
-    """N independent draws from the weights: the textbook scheme, with the most variance.
+    """N independent draws from the weights: the textbook scheme, with the highest variance.
 
     References:
         Gordon, Salmond, Smith 1993.
     """
 
     def ancestors(self, key: PRNGKeyArray, log_weights: Float[Array, "N"]) -> Int[Array, "N"]:
-        """Indices `[N]` (int32), in no order; see `AbstractResampler.ancestors`."""
+        """Return indices `[N]` (int32), in no order; see `AbstractResampler.ancestors`."""
 
         def choose(weights):
             cumulative = cumulative_weights(weights)

@@ -1,4 +1,4 @@
-"""Residual resampling: the whole part of N · w for certain, the rest by lot."""
+"""Residual resampling: the integer part of N · w is deterministic, the rest is drawn."""
 
 import jax
 import jax.numpy as jnp
@@ -10,18 +10,18 @@ from jaxslam.resampling.base import AbstractResampler
 
 
 class ResidualResampler(AbstractResampler):
-    """⌊N w⌋ copies of each particle, then multinomial draws from what is left of the weights.
+    """⌊N w⌋ copies of each particle, then multinomial draws from the remaining weights.
 
     References:
-        Liu, Chen, Sequential Monte Carlo methods for dynamic systems, 1998.
+        Liu, Chen 1998, Sequential Monte Carlo methods for dynamic systems.
 
     Example:
-        Weights 0.5, 0.3, 0.2 and N = 4: two copies of particle 0 and one of 1 are certain; the
-        fourth slot goes to 1 with probability 0.2 and to 2 with probability 0.8.
+        With weights 0.5, 0.3, 0.2 and N = 4, two copies of particle 0 and one of particle 1 are certain. The
+        fourth slot goes to particle 1 with probability 0.2 and to particle 2 with probability 0.8.
     """
 
     def ancestors(self, key: PRNGKeyArray, log_weights: Float[Array, "N"]) -> Int[Array, "N"]:
-        """Indices `[N]` (int32): the certain copies ascending, then the draws in no order."""
+        """Return indices `[N]` (int32): the certain copies ascending, then the draws in no order."""
         return select_ancestors(log_weights, lambda weights: _choose(key, weights))
 
 
@@ -29,7 +29,7 @@ def _choose(key: PRNGKeyArray, weights: Float[Array, "N"]) -> Int[Array, "N"]:
     expected = weights * (weights.shape[0] / jnp.sum(weights))
     certain = jnp.floor(expected)
     remainder = expected - certain
-    # Without a remainder no slot reads the draws; ones keep them defined.
+    # Without a remainder, no slot uses the draws; a remainder of ones only keeps them defined.
     remainder = jnp.where(jnp.any(remainder > 0.0), remainder, jnp.ones_like(remainder))
     lottery = cumulative_weights(remainder)
     positions = jax.random.randint(key, weights.shape, jnp.uint32(0), lottery[-1], jnp.uint32)

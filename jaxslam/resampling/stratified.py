@@ -10,17 +10,17 @@ from jaxslam.resampling.base import AbstractResampler
 
 
 class StratifiedResampler(AbstractResampler):
-    """Positions (k + u_k) / N with independent u_k: counts within two of N w.
+    """Positions (k + u_k) / N with independent u_k; each count is within two of N w.
 
-    Never more variance than multinomial resampling, whatever is estimated, and the draws are
-    independent, which convergence proofs need and systematic resampling lacks.
+    The variance never exceeds that of multinomial resampling, for any estimate. The draws are independent,
+    as convergence proofs require; those of systematic resampling are not.
 
     References:
-        Kitagawa 1996; Douc, Cappé, Moulines, Comparison of resampling schemes, 2005.
+        Kitagawa 1996; Douc, Cappé, Moulines 2005, Comparison of resampling schemes.
     """
 
     def ancestors(self, key: PRNGKeyArray, log_weights: Float[Array, "N"]) -> Int[Array, "N"]:
-        """Indices `[N]` (int32), ascending; see `AbstractResampler.ancestors`."""
+        """Return indices `[N]` (int32), ascending; see `AbstractResampler.ancestors`."""
         offsets = jax.random.uniform(key, log_weights.shape, jnp.float32)
 
         def choose(weights):

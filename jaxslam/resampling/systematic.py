@@ -1,4 +1,4 @@
-"""Systematic resampling: one random number, N evenly spaced positions."""
+"""Systematic resampling: N evenly spaced positions with one random offset."""
 
 import jax
 import jax.numpy as jnp
@@ -10,19 +10,19 @@ from jaxslam.resampling.base import AbstractResampler
 
 
 class SystematicResampler(AbstractResampler):
-    """Positions (k + u) / N with one u for all k: a particle is copied ⌊N w⌋ or ⌈N w⌉ times.
+    """Positions (k + u) / N with one u for all k; each particle is copied ⌊N w⌋ or ⌈N w⌉ times.
 
-    The usual choice: least variance of the counts, one random number, ancestors in ascending order.
+    The usual choice: lowest variance of the counts, one random number, ancestors in ascending order.
 
     References:
-        Kitagawa 1996; Probabilistic Robotics, table 4.4 (low-variance sampler).
+        Kitagawa 1996; Thrun, Burgard, Fox 2005, table 4.4 (low-variance sampler).
 
     Example:
-        Weights 0.5, 0.25, 0.25 and N = 3 with u = 0.5: positions 1/6, 1/2, 5/6, ancestors 0, 1, 2.
+        Weights 0.5, 0.25, 0.25, N = 3 and u = 0.5 give the positions 1/6, 1/2, 5/6 and ancestors 0, 1, 2.
     """
 
     def ancestors(self, key: PRNGKeyArray, log_weights: Float[Array, "N"]) -> Int[Array, "N"]:
-        """Indices `[N]` (int32), ascending; see `AbstractResampler.ancestors`."""
+        """Return indices `[N]` (int32), ascending; see `AbstractResampler.ancestors`."""
         offset = jax.random.uniform(key, (), jnp.float32)
 
         def choose(weights):

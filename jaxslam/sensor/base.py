@@ -1,4 +1,4 @@
-"""The contract of a sensor model."""
+"""The interface of a sensor model."""
 
 import abc
 from typing import Any

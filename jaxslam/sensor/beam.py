@@ -26,7 +26,7 @@ class Beam(AbstractSensorModel):
     its end add up to one.
 
     Attributes:
-        max_range: of the lidar, meters: a reading at or over it is no return.
+        max_range: largest range of the lidar, meters: a reading at or over it is no return.
         sigma_hit: standard deviation of readings of the mapped obstacle, meters; at least half a cell.
         z_hit: weight of readings of the mapped obstacle.
         z_short: weight of readings of an obstacle in front of it.
@@ -41,8 +41,8 @@ class Beam(AbstractSensorModel):
         Thrun, Burgard, Fox 2005, table 6.1; `beam_weight` is ours.
 
     Example:
-        `Beam(10.0, sigma_hit=0.1, z_hit=0.8, z_short=0.05, z_max=0.05, z_rand=0.1, lambda_short=0.1)`: where
-        2 m are expected, the log density of reading 2 m is 1.1707, of 1 m −3.3535 and of 5 m −4.6052.
+        `Beam(10.0, sigma_hit=0.1, z_hit=0.8, z_short=0.05, z_max=0.05, z_rand=0.1, lambda_short=0.1)`: if the
+        expected range is 2 m, the log density is 1.1707 at 2 m, −3.3535 at 1 m and −4.6052 at 5 m.
     """
 
     max_range: float | Float[Array, ""] = 80.0

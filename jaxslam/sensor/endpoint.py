@@ -38,8 +38,8 @@ class Endpoint(AbstractSensorModel):
         Grisetti, Stachniss, Burgard 2007 and the implementation published with it (likelihood-and-score).
 
     Example:
-        σ = 0.1, 0.1 m cells, an end point 0.1 m from the center of the only obstacle, which is seen from its
-        front: −0.5.
+        With σ = 0.1 and 0.1 m cells, an end point 0.1 m from the center of the only obstacle, seen from its
+        front, has −0.5 before weighting.
     """
 
     sigma_hit: float | Float[Array, ""] = 0.1

@@ -27,8 +27,8 @@ class LikelihoodField(AbstractSensorModel):
     scan of fewer than $n_{ind}$ beams counts as its own number of beams.
 
     Attributes:
-        sigma_hit: spread of end points around obstacles, meters.
-        z_hit: weight of the beams that hit the map.
+        sigma_hit: standard deviation of end points around obstacles, meters.
+        z_hit: weight of beams that hit a mapped obstacle.
         z_rand: weight of beams that hit something else.
         z_unseen: density, relative to the best, of a scan whose beams all end in unseen space.
         unseen_beams: number of beams of density `z_unseen` that are added to the mean.
@@ -37,11 +37,11 @@ class LikelihoodField(AbstractSensorModel):
         max_beams: number of beams that are scored, evenly spread over the scan (static).
 
     References:
-        Thrun, Burgard, Fox 2005, table 6.3; the mean and the treatment of unknown space are ours.
+        Thrun, Burgard, Fox 2005, table 6.3; the mean and the treatment of unknown space are additions.
 
     Example:
-        Default weights on a known map: a beam on an obstacle has density 1, one that ends 2 σ from it 0.18,
-        one far from all obstacles 0.05.
+        With the default weights on a known map, a beam that ends on an obstacle has density 1, one 2 σ away
+        0.18, and one far from all obstacles 0.05.
     """
 
     sigma_hit: float | Float[Array, ""] = 0.1

@@ -20,10 +20,10 @@ class Nav2Field(AbstractSensorModel):
     nav2's AMCL and its predecessor in ROS 1 use this sum. It has no derivation and serves for comparison.
 
     Attributes:
-        sigma_hit: spread of end points around obstacles, meters.
-        z_hit: weight of the beams that hit the map.
+        sigma_hit: standard deviation of end points around obstacles, meters.
+        z_hit: weight of beams that hit a mapped obstacle.
         z_rand: weight of beams that hit something else.
-        max_range: of the lidar, meters.
+        max_range: largest range of the lidar, meters.
         max_beams: number of beams that are scored, evenly spread over the scan (static).
     """
 

@@ -1,4 +1,4 @@
-"""SLAM filters: `init`, `step`, and the trajectory read back."""
+"""SLAM filters: `init`, `step`, and the trajectory of a particle."""
 
 from jaxslam.slam.rbpf import RBPF, RBPFState, StepInfo, trajectory
 

@@ -30,13 +30,13 @@ from jaxslam.xla.sharding import particle_mesh, with_sharding
 
 
 class RBPFState(eqx.Module):
-    """What the next step needs.
+    """State of the filter between steps.
 
     Attributes:
         maps: `[N, H, W]` int8 log-odds in fixed point, one map per particle.
         poses: `[N, 3]` base poses (m, m, rad, world frame).
         log_weights: `[N]` normalized log-weights.
-        num_steps: steps taken, int32.
+        num_steps: number of steps taken, int32.
     """
 
     maps: Int8[Array, "N H W"]
@@ -46,12 +46,12 @@ class RBPFState(eqx.Module):
 
 
 class StepInfo(eqx.Module):
-    """What one step leaves for the record; all small, so that it can be stacked over a long log, `[T, ...]`.
+    """Record of one step, small enough to be stacked over a long log, `[T, ...]`.
 
     Attributes:
         poses: `[N, 3]` after the proposal and before resampling.
         log_weights: `[N]` normalized, before resampling.
-        ancestors: `[N]` int32, the particle that each slot goes on from.
+        ancestors: `[N]` int32, the particle that each slot continues.
         ess: effective sample size before resampling, 1 to N.
         resampled: whether the particles were resampled.
         flags: `jaxslam.core.flags.Flag` bits of the whole step, int32.
@@ -66,24 +66,24 @@ class StepInfo(eqx.Module):
 
 
 class RBPF(eqx.Module):
-    """Rao-Blackwellized particle filter on grid maps, tobacco (3)–(6).
+    """Rao-Blackwellized particle filter on grid maps, Liang et al. (3)–(6).
 
     Pass it to `jax.jit` as an argument: its floats are traced, its sizes static.
 
     Attributes:
-        grid: size and place of the maps.
+        grid: size and placement of the maps.
         motion: p(x_t | x_{t−1}, u_t).
         sensor: p(z_t | x_t, m).
-        proposal: q, where the particles go.
+        proposal: q, the distribution from which the new poses are drawn.
         resampling: when and how to resample.
         occupancy: what a scan adds to a map.
-        usable_range: longer returns only clear the space before them, meters.
-        range_network: corrects the ranges of every scan first; None leaves them as they are.
+        usable_range: longer returns only clear the space up to this range, meters.
+        range_network: corrects the ranges of every scan first; None leaves them unchanged.
         num_particles: N (static).
-        window_size: cells along a side of the window that a step works on, divisible by 4 (static): around
-            the lidar where that holds all it sees, else ahead of it.
-        radius: truncation of the distance field, cells (static).
-        mesh: devices that the particles are spread over (static); None: all on one. See `shard`.
+        window_size: side of the window that a step works on, cells, divisible by 4 (static). The window is
+            centered on the lidar if the whole scan fits, else shifted ahead of it.
+        radius: truncation radius of the distance field, cells (static).
+        mesh: devices that the particles are sharded over (static); None: a single device. See `shard`.
     """
 
     grid: GridSpec
@@ -100,20 +100,20 @@ class RBPF(eqx.Module):
     mesh: Mesh | None = eqx.field(static=True, default=None)
 
     def shard(self, devices: Sequence[jax.Device]) -> "RBPF":
-        """The same filter with an equal share of its particles on each device, for one with many.
+        """Return the same filter with its particles divided equally among devices.
 
         Raises:
-            ValueError: the particles cannot be shared out equally.
+            ValueError: the particles cannot be divided equally.
         """
         return dataclasses.replace(self, mesh=particle_mesh(self.num_particles, devices))
 
     @property
     def view(self) -> MapView:
-        """The part of the maps that a step reads and writes."""
+        """Return the view of the maps that a step reads and writes."""
         return MapView(self.grid, self.occupancy, self.usable_range, self.window_size, self.radius)
 
     def init(self, key: PRNGKeyArray, pose0: Float[Array, "3"]) -> RBPFState:
-        """All particles at `pose0` `[3]` with empty maps; the key is for models that spread them."""
+        """Return all particles at `pose0` `[3]` with empty maps; the key is unused, as all start alike."""
         count = self.num_particles
         state = RBPFState(
             maps=jnp.zeros((count, self.grid.height, self.grid.width), jnp.int8),
@@ -124,8 +124,8 @@ class RBPF(eqx.Module):
         return with_sharding(self.mesh, state, count)
 
     def step(self, key: PRNGKeyArray, state: RBPFState, inputs: StepInputs) -> tuple[RBPFState, StepInfo]:
-        """Propose, weigh, update the maps, resample."""
-        # All at once: each further split costs as much as drawing all the noise.
+        """Propose, weight, update the maps, and resample."""
+        # All keys at once: each further split costs as much as drawing all the noise.
         keys = jax.random.split(key, self.num_particles + 1)
         inputs = with_corrected_ranges(self.range_network, inputs)
         heading = state.poses[jnp.argmax(state.log_weights), 2] + inputs.odometry.delta[2]
@@ -136,8 +136,8 @@ class RBPF(eqx.Module):
         log_weights = state.log_weights + proposed.log_likelihood + proposed.log_ratio
         finite = jnp.isfinite(log_weights)
         log_weights = normalize(jnp.where(finite, log_weights, -jnp.inf))
-        # A proposal that does not read the maps would let XLA write them before it scores them, for which
-        # it keeps a copy of all of them: on 30 maps of 50 m that took as long as the whole step.
+        # A proposal that does not read the maps would let XLA write them before it scores them. XLA then
+        # keeps a copy of all maps: on 30 maps of 50 m that took as long as the whole step.
         poses = compute_after(proposed.log_likelihood, proposed.pose)
         maps, off_map = self.view.update(state.maps, poses, view, self.mesh)
         resampling = self.resampling(keys[-1], log_weights)
@@ -167,14 +167,14 @@ class RBPF(eqx.Module):
     def _propose(self, keys: Key[Array, "N"], state: RBPFState, context: ProposalContext) -> ProposalResult:
         proposed = self.proposal.sample_all(keys, state.poses, context)
         predicted = jax.vmap(se2.compose, (0, None))(state.poses, context.odometry.delta)
-        # Odometry that is not a number moves nothing.
+        # Odometry that is not finite is ignored.
         predicted = jnp.where(_all_finite(predicted), predicted, state.poses)
         finite = _all_finite(proposed.pose)
-        # An empty map has nothing to say, and the start pose is given: the first step does not scatter it.
+        # On the first step the map is empty and the start pose is given, so the particles are not spread.
         keep = (state.num_steps == 0) | ~finite
         poses = jnp.where(keep, predicted, proposed.pose)
         flags = proposed.flags | jnp.where(finite[:, 0], 0, Flag.NONFINITE_POSE.value)
-        # One that was put back to the odometry counts as the least likely of the others.
+        # A particle that was reset to the odometry gets the lowest likelihood among the others.
         least = jnp.min(jnp.where(finite[:, 0], proposed.log_likelihood, jnp.inf))
         least = jnp.where(jnp.isfinite(least), least, 0.0)
         log_likelihood = jnp.where(finite[:, 0], proposed.log_likelihood, least)
@@ -191,13 +191,13 @@ def _all_finite(poses: Float[Array, "N 3"]) -> Bool[Array, "N 1"]:
 
 
 def _any_flag(flags: Int[Array, "N"]) -> Int[Array, ""]:
-    # Bit by bit: particles that are spread over devices have no common "or".
+    # Bit by bit: JAX has no "or" reduction over particles that are sharded over devices.
     bits = jnp.asarray([flag.value for flag in Flag], jnp.int32)
     return jnp.sum(jnp.where(jnp.any(flags[:, None] & bits[None] != 0, axis=0), bits, 0), dtype=jnp.int32)
 
 
 def trajectory(infos: StepInfo, particle: Int[Array, ""]) -> Float[Array, "T 3"]:
-    """Poses `[T, 3]` of one surviving particle, read back through the ancestors.
+    """Return the poses `[T, 3]` of one surviving particle, traced back through its ancestors.
 
     Args:
         infos: stacked over time, leaves `[T, ...]`.

@@ -1,4 +1,4 @@
-"""The part of the particles' maps that the robot sees: what a step reads, scores on and writes back."""
+"""The part of the particles' maps around the scan, which a step reads, scores and writes back."""
 
 import equinox as eqx
 import jax
@@ -25,12 +25,12 @@ from jaxslam.xla.materialize import materialize
 
 
 class ScanView(eqx.Module):
-    """A scan and where the windows of the maps lie around it.
+    """A scan and the placement of the map windows around it.
 
     Attributes:
-        scan: the scan without the returns beyond the usable range or outside the windows; it is matched,
-            weighed and mapped.
-        clearing: the scan with the returns beyond the usable range moved to it; it clears space up to there.
+        scan: the scan without returns beyond the usable range or outside the windows; used for matching,
+            weighting and mapping.
+        clearing: the scan with longer returns shortened to the usable range; clears free space up to it.
         shift: `[2]` int32 rows and columns from the lidar to the center of the windows.
     """
 
@@ -40,14 +40,14 @@ class ScanView(eqx.Module):
 
 
 class MapView(eqx.Module):
-    """Windows of the maps around what the lidar sees.
+    """Windows of the maps around the scan.
 
     Attributes:
-        grid: size and place of the maps.
+        grid: size and placement of the maps.
         occupancy: what a scan adds to a map.
-        usable_range: longer returns only clear the space before them, meters.
+        usable_range: longer returns only clear the space up to this range, meters.
         window_size: cells along a side of a window, divisible by 4 (static).
-        radius: truncation of the distance field, cells (static).
+        radius: truncation radius of the distance field, cells (static).
     """
 
     grid: GridSpec
@@ -88,7 +88,7 @@ class MapView(eqx.Module):
         Args:
             maps: `[N, H, W]` log-odds in fixed point.
             poses: `[N, 3]` base poses before the step (m, m, rad).
-            odometry: since then.
+            odometry: the odometry since then.
             view: from `look`.
         """
         shape = (window_rows(self.window_size, self.radius), self.window_size)
@@ -122,13 +122,13 @@ class MapView(eqx.Module):
             mesh: the devices that the particles are sharded over.
 
         Returns:
-            The maps, and which windows reached over the edge of their map `[N]`.
+            The maps, and which windows crossed the edge of their map `[N]`.
         """
         shape = (self.window_size, self.window_size)
         table = range_table(view.clearing, self.grid.resolution, 2 * self.window_size)
         around = cells_from_lidar(self.window_size, view.shift)
         ends = scan_points(view.scan)
-        # The heading of a particle would otherwise be computed again for each cell of its window.
+        # Otherwise XLA would recompute a particle's heading for each cell of its window.
         poses = materialize(lambda poses: poses + 0.0, poses)
         lidar = jax.vmap(se2.compose, (0, None))(poses, view.scan.pose_base_lidar)
         starts, off_map = jax.vmap(lambda pose: window_start(self.grid, pose[:2], shape, view.shift))(lidar)

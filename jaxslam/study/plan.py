@@ -194,7 +194,7 @@ def _plan(tables: dict[str, Any], path: Path) -> Plan:
         batch=given["batch"],
     )
     names = toml.named(_table(tables, "space"), leaves=("low", "high", "step", "log", "choices"))
-    space = Space.of(names, plan.configuration({}))
+    space = Space.from_tables(names, plan.configuration({}))
     plan = dataclasses.replace(plan, space=space)
     _check_bounds(plan)
     return plan

@@ -77,7 +77,7 @@ class Space:
     parameters: tuple[Parameter, ...]
 
     @classmethod
-    def of(cls, tables: Mapping[str, Any], base: SlamConfig) -> "Space":
+    def from_tables(cls, tables: Mapping[str, Any], base: SlamConfig) -> "Space":
         """Read and check a space.
 
         Args:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from jaxslam.pipeline.localize import LocalizationResult
 from jaxslam.pipeline.many import ManyResult
 from jaxslam.pipeline.run import RunResult
-from jaxslam.viz.localization import plot_localization
+from jaxslam.viz.clouds import plot_localization
 from jaxslam.viz.results import plot_run
 
 

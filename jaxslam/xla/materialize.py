@@ -11,7 +11,7 @@ T = TypeVar("T")
 
 
 def materialize(function: Callable[[T], Array], operand: T) -> Array:
-    """Return `function(operand)`, written to memory before anything reads it.
+    """Return `function(operand)`, written to memory before it is read.
 
     On the CPU, XLA fuses the computation of a table into the loop that looks entries up, which repeats it
     for every look-up. XLA does not fuse across a branch, so the result of a branch is a buffer. The barrier

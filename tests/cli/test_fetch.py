@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-import jaxslam.io.fetch as fetch
+import jaxslam.io.download as fetch
 from jaxslam.cli.fetch import next_command
 from jaxslam.cli.main import main
 from jaxslam.io.public_logs import PUBLIC_LOGS
@@ -94,7 +94,7 @@ def test_no_network_is_one_line(monkeypatch, tmp_path, capsys):
 
 def test_no_jax_is_imported():
     code = (
-        "import sys, jaxslam.io.fetch\nfrom jaxslam.cli.main import main\n"
+        "import sys, jaxslam.io.download\nfrom jaxslam.cli.main import main\n"
         "main(['fetch']); main(['fetch', '--help'])\n"
         "sys.exit('jax' in sys.modules)"
     )

@@ -10,7 +10,7 @@ from jaxslam.cli.main import main
 from jaxslam.grid.known_map import KnownMap
 from jaxslam.io import read_tum, write_map, write_tum
 from jaxslam.sim import sick, simulate
-from jaxslam.viz.localization import in_map_axes
+from jaxslam.viz.clouds import in_map_axes
 from tests.builders import hall_map, room
 
 SMALL = ["--particles", "4096"]

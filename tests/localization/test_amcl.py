@@ -265,7 +265,7 @@ def test_jumps_are_found():
     [
         ((500.0, 0.0, 0.0), r"is not on the map, which is 19 × 16 m from \(-0.5, -0.5\)"),
         (WALL, "is in a wall"),
-        ((-0.3, -0.3, 0.0), "where the map knows nothing"),
+        ((-0.3, -0.3, 0.0), "in unknown space"),
     ],
 )
 def test_a_start_that_cannot_be_is_refused(amcl, pose, message):

@@ -73,7 +73,7 @@ def test_its_first_line_says_what_it_is(path):
 )
 def test_what_is_no_network(path, content):
     path.write_bytes(content)
-    assert "no range network; `jaxslam train-range` writes one" in refusal(path)
+    assert "not a range network; `jaxslam train-range` writes one" in refusal(path)
 
 
 def with_header(path, **changes):
@@ -85,19 +85,19 @@ def with_header(path, **changes):
 def test_another_version(path, version):
     with_header(path, version=version)
     message = refusal(path)
-    assert f"of version {version}, and this reads version 1: train it again" in message
+    assert f"of version {version}, but this release reads version 1: train it again" in message
 
 
 @pytest.mark.parametrize("neurons", [5, 7, 1, 100_000])
 def test_a_header_of_another_size(path, neurons):
     with_header(path, neurons=neurons)
-    assert f"damaged, or not of {neurons} neurons as its header says" in refusal(path)
+    assert f"damaged, or not of {neurons} neurons as stated in its header" in refusal(path)
 
 
 @pytest.mark.parametrize("neurons", [0, -6, 6.0, "6", None, 10**9])
 def test_a_header_of_no_size(path, neurons):
     with_header(path, neurons=neurons)
-    assert f"its header says {neurons!r} neurons: the file is damaged" in refusal(path)
+    assert f"number of neurons in the header is {neurons!r}: the file is damaged" in refusal(path)
 
 
 def test_a_truncated_file(path):
@@ -105,15 +105,15 @@ def test_a_truncated_file(path):
     start = whole.index(b"\n") + 1
     for length in (start - 1, start, start + 3, start + 60, len(whole) // 2, len(whole) - 1):
         path.write_bytes(whole[:length])
-        assert f"damaged, or not of {NUM_NEURONS} neurons as its header says (" in refusal(path)
+        assert f"damaged, or not of {NUM_NEURONS} neurons as stated in its header (" in refusal(path)
     path.write_bytes(whole[: start // 2])
-    assert "no range network" in refusal(path)
+    assert "not a range network" in refusal(path)
 
 
 @pytest.mark.parametrize("extra", [b"\x00", b"\n", b"more"])
 def test_bytes_after_the_end(path, extra):
     path.write_bytes(path.read_bytes() + extra)
-    assert f"more in it than the {NUM_NEURONS} neurons of its header" in refusal(path)
+    assert f"longer than the {NUM_NEURONS} neurons of its header" in refusal(path)
 
 
 def test_a_damaged_byte_is_told_or_changes_a_number(path):
@@ -138,7 +138,7 @@ def test_numbers_that_are_not_finite(path, leaf, value):
         lambda n: getattr(n, leaf), network, replace_fn=lambda old: jnp.full_like(old, value, old.dtype)
     )
     save_network(path, spoilt)
-    assert "a number in it is not finite: train it again" in refusal(path)
+    assert "a parameter is not finite: train the network again" in refusal(path)
 
 
 class Trap:

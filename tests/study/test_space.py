@@ -16,7 +16,7 @@ BASE = SlamConfig()
 
 def space_of(**tables) -> Space:
     """A space by names in which `__` stands for a dot."""
-    return Space.of({name.replace("__", "."): table for name, table in tables.items()}, BASE)
+    return Space.from_tables({name.replace("__", "."): table for name, table in tables.items()}, BASE)
 
 
 def only(**tables) -> Parameter:
@@ -207,7 +207,7 @@ def test_a_size_of_few_values_has_no_more_than_it_had(span):
 )
 def test_a_space_that_is_none(tables, message):
     with pytest.raises(ValueError, match=message) as caught:
-        Space.of(tables, BASE)
+        Space.from_tables(tables, BASE)
     assert "\n" not in str(caught.value)
 
 
@@ -268,5 +268,5 @@ def test_a_space_that_is_none(tables, message):
 )
 def test_a_parameter_that_is_none(name, table, message):
     with pytest.raises(ValueError, match=f"space: {name}.*{message}") as caught:
-        Space.of({name: table}, BASE)
+        Space.from_tables({name: table}, BASE)
     assert "\n" not in str(caught.value)

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-import jaxslam.io.fetch as fetch
-from jaxslam.io.fetch import FetchError, cache_folder, fetch_files, fetch_log
+import jaxslam.io.download as fetch
+from jaxslam.io.download import FetchError, cache_folder, fetch_files, fetch_log
 from jaxslam.io.public_logs import PUBLIC_LOGS, PublicLog, RemoteFile
 
 CONTENT = bytes(range(256)) * 2000

@@ -169,7 +169,10 @@ def _read_image(path: Path) -> tuple[Float64[np.ndarray, "H W"], Float64[np.ndar
         from PIL import Image, UnidentifiedImageError
     except ImportError:
         raise MapError(f"{path}: reading maps needs Pillow: pip install 'jaxslam[cli]'") from None
+    limit = Image.MAX_IMAGE_PIXELS
     try:
+        # A file with a byte or more for every pixel, as every large PGM is, cannot be a decompression bomb.
+        Image.MAX_IMAGE_PIXELS = limit and max(limit, path.stat().st_size)
         with Image.open(path) as image:
             opaque = "transparency" not in image.info
             if (image.mode == "L" and opaque) or image.mode.startswith("I"):
@@ -183,6 +186,8 @@ def _read_image(path: Path) -> tuple[Float64[np.ndarray, "H W"], Float64[np.ndar
         raise MapError(f"{path}: not an image: expected PGM or PNG") from None
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise MapError(f"{path}: cannot be read, perhaps cut short or damaged: {error}") from None
+    finally:
+        Image.MAX_IMAGE_PIXELS = limit
     return channels[..., :3].mean(axis=-1), channels[..., 3]
 
 

@@ -134,9 +134,9 @@ class WheelOdometry(eqx.Module):
             Poses `[M, 3]` (m, m, rad), and `[M, 3]` (arc length, 0, turn) since the previous pose.
         """
         meters_per_tick = 2 * jnp.pi * self.wheel_radius / self.ticks_per_turn
-        travelled = (ticks - ticks[:1]).astype(jnp.float32) * meters_per_tick
-        heading = (travelled[:, 1] - travelled[:, 0]) / self.track_width
-        arc = jnp.diff(travelled.mean(axis=1), prepend=0.0)
+        traveled = (ticks - ticks[:1]).astype(jnp.float32) * meters_per_tick
+        heading = (traveled[:, 1] - traveled[:, 0]) / self.track_width
+        arc = jnp.diff(traveled.mean(axis=1), prepend=0.0)
         turn = jnp.diff(heading, prepend=0.0)
         chord = arc * jnp.sinc(turn / (2 * jnp.pi))
         direction = heading - turn / 2

@@ -323,10 +323,10 @@ def _table(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
     return table
 
 
-def _known(table: Any, names: Sequence[str], complaint: str) -> None:
+def _known(table: Any, names: Sequence[str], context: str) -> None:
     if not isinstance(table, Mapping):
         raise ValueError(f"{table!r} stands where a table is wanted")
     for name in table:
         if name not in names:
             nearest = difflib.get_close_matches(name, names, n=1, cutoff=0.0)[0]
-            raise ValueError(f"{complaint} {name!r}: did you mean {nearest!r}? There are {', '.join(names)}")
+            raise ValueError(f"{context} {name!r}: did you mean {nearest!r}? There are {', '.join(names)}")

@@ -326,12 +326,12 @@ def _draw_front(figure: Figure, summary: Summary) -> None:
     style.curve_axes(ax, *(OBJECTIVES[name].label for name in summary.objectives))
     style.add_legend(ax)
     ax.autoscale_view()
-    labelled: list[Any] = []
+    labeled: list[Any] = []
     for trial in summary.front:
         at = ax.transAxes.inverted().transform(ax.transData.transform(trial.values))
         # Numbers of trials that lie close together would overlap.
-        if all(np.abs(at - other).max() > _APART for other in labelled):
-            labelled.append(at)
+        if all(np.abs(at - other).max() > _APART for other in labeled):
+            labeled.append(at)
             ax.annotate(
                 str(trial.number),
                 trial.values,

@@ -59,6 +59,17 @@ def test_pillow_reads_what_is_written(tmp_path):
         assert np.asarray(image).tolist() == [[205, 205], [254, 0]]
 
 
+def test_a_map_with_more_pixels_than_pillow_allows_is_read_back(tmp_path, monkeypatch):
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 40)
+    write_map(tmp_path / "map.yaml", np.eye(10), 0.1)
+    assert read_map(tmp_path / "map.yaml").occupied.tolist() == np.eye(10, dtype=bool).tolist()
+    # The limit still holds for files that are small for their number of pixels.
+    assert Image.MAX_IMAGE_PIXELS == 40
+    Image.fromarray(np.zeros((100, 100), np.uint8)).save(tmp_path / "map.pgm", format="PNG")
+    with pytest.raises(MapError, match="10000 pixels"):
+        read_map(tmp_path / "map.yaml")
+
+
 def test_thresholds_can_be_chosen(tmp_path):
     write_map(tmp_path / "m.yaml", np.array([[0.22, 0.1]]), 0.1, free_threshold=0.196)
     assert read_map(tmp_path / "m.yaml").free.tolist() == [[False, True]]

@@ -89,8 +89,8 @@ def box(
     corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * half
     if chamfer > 0:
         neighbors = np.stack([np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)], axis=1)
-        towards = np.sign(neighbors - corners[:, None])
-        corners = (corners[:, None] + chamfer * towards).reshape(-1, 2)
+        toward = np.sign(neighbors - corners[:, None])
+        corners = (corners[:, None] + chamfer * toward).reshape(-1, 2)
     return polyline(place(corners, center, angle), closed=True)
 
 

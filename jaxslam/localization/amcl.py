@@ -234,8 +234,8 @@ class AMCL(eqx.Module):
             partial(_keep, size_after),
             (key_draw, moved, log_weights, num_particles, random_share),
         )
-        dead = jnp.arange(size_after) >= num_next
-        next_log_weights = jnp.where(dead, -jnp.inf, next_log_weights)
+        inactive = jnp.arange(size_after) >= num_next
+        next_log_weights = jnp.where(inactive, -jnp.inf, next_log_weights)
         state = AMCLState(
             poses=state.poses.at[:size_after].set(next_poses),
             log_weights=jnp.full(self.max_particles, -jnp.inf, jnp.float32)

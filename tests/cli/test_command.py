@@ -312,7 +312,7 @@ def test_config_prints_the_settings_of_a_localization(tmp_path, capsys):
     assert main(["config", "--localization", "--config", str(path)]) == 0
     assert capsys.readouterr().out == text
     assert main(["config", "--localization", "--method", "rbpf"]) == 2
-    assert "--method is a setting of `run`" in capsys.readouterr().err
+    assert "--method applies to `run` only" in capsys.readouterr().err
 
 
 def test_config_prints_what_it_was_told(capsys):

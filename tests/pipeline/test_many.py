@@ -214,7 +214,7 @@ def test_neither_devices_nor_runs_together_may_be_none(slam, prepared):
     for together in (0, -1):
         with pytest.raises(ValueError, match=f"2 devices, {together} runs together"):
             run_many(slam, prepared, KEYS, together=together)
-    with pytest.raises(ValueError, match="no devices to shard the particles over"):
+    with pytest.raises(ValueError, match="no device to distribute the particles over"):
         slam.shard([])
 
 

@@ -48,6 +48,8 @@ def run_steps(
     length = inputs.scan.ranges.shape[0] if length is None else length
     count = length if count is None else count
 
+    # Traced once, though `eval_shape` and the loop both need it.
+    @jax.jit
     def step(state: Any, now: StepInputs) -> tuple[Any, Any]:
         return filter_.step(jax.random.fold_in(key, state.num_steps), state, now)
 

@@ -44,11 +44,6 @@ class World(eqx.Module):
             )
         return cls(segments=jnp.asarray(segments, jnp.float32), name=name)
 
-    @property
-    def num_segments(self) -> int:
-        """Return the number of segments `S`."""
-        return self.segments.shape[-2]
-
     def bounds(self) -> tuple[Float64[np.ndarray, "2"], Float64[np.ndarray, "2"]]:
         """Return the lower left and upper right corner of the box around all segments, meters (host)."""
         points = np.asarray(self.segments, np.float64).reshape(-1, 2)

@@ -58,17 +58,9 @@ def relative(pose_a_b: Float[Any, "*#batch 3"], pose_a_c: Float[Any, "*#batch 3"
 
 def apply(pose_a_b: Float[Any, "3"], points_b: Float[Any, "*points 2"]) -> Float[Any, "*points 2"]:
     """Transform points `[..., 2]` from frame `b` into frame `a`."""
-    turned = rotate_all(pose_a_b[2], points_b)
+    turned = rotate(pose_a_b[2], points_b)
     xp = _namespace(turned)
     return xp.stack([turned[..., 0] + pose_a_b[0], turned[..., 1] + pose_a_b[1]], axis=-1)
-
-
-def rotate_all(angle: Float[Any, ""], vectors: Float[Any, "*points 2"]) -> Float[Any, "*points 2"]:
-    """Rotate all vectors `[*points, 2]` counter-clockwise by one angle (rad)."""
-    xp = _namespace(vectors)
-    cos, sin = xp.cos(angle), xp.sin(angle)
-    x, y = vectors[..., 0], vectors[..., 1]
-    return xp.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
 
 
 def _pose(position: Float[Any, "*batch 2"], heading: Float[Any, "*batch"]) -> Float[Any, "*batch 3"]:

@@ -12,12 +12,19 @@ def require_at_least_zero(model: eqx.Module, positive: tuple[str, ...] = ()) -> 
     Only Python numbers are checked: the value of a traced array is not available.
     """
     for name, value in vars(model).items():
-        if not isinstance(value, int | float):
-            continue
-        if name in positive and not value > 0.0:
+        # `not value > 0` also rejects NaN.
+        if name in positive and isinstance(value, int | float) and not value > 0.0:
             raise ValueError(f"{type(model).__name__}: {name} is {value}, must be > 0")
-        if not value >= 0.0:
+        if isinstance(value, int | float) and not value >= 0.0:
             raise ValueError(f"{type(model).__name__}: {name} is {value}, must be >= 0")
+
+
+def require_within(model: eqx.Module, **intervals: tuple[float, float]) -> None:
+    """Raise `ValueError` if a parameter lies outside its closed interval; only Python numbers are checked."""
+    for name, (low, high) in intervals.items():
+        value = getattr(model, name)
+        if isinstance(value, int | float) and not low <= value <= high:
+            raise ValueError(f"{type(model).__name__}: {name} is {value}, must be {low:g} to {high:g}")
 
 
 def require_odd(model: eqx.Module, *names: str) -> None:

@@ -40,6 +40,10 @@ class DistanceField(eqx.Module):
         """Return the squared distance in m² of the cells that hold the points; truncated off the field."""
         return self.look_up(points)[0]
 
+    def centers(self, cells: Float[Array, "B 2"]) -> Float[Array, "B 2"]:
+        """Return the centers of cells, given as whole (column, row), meters."""
+        return (cells + 0.5) * self.resolution + self.origin[None, :]
+
     def look_up(self, points: Float[Array, "B 2"]) -> tuple[Float[Array, "B"], Bool[Array, "B"]]:
         """Return the squared distance in m² at the points, and which lie in unseen space off obstacles."""
         scale = 1.0 / self.resolution
@@ -52,13 +56,24 @@ class DistanceField(eqx.Module):
         unseen = inside & ((found & jnp.uint16(0x80)) > 0) & (squared_cells >= self._far)
         return squared_cells * self.resolution * self.resolution, unseen
 
-    def inlier_ratio(self, ends: ScanPoints, pose: Float[Array, "3"]) -> Float[Array, ""]:
-        """Return the share of the valid beams that end near an obstacle or in unseen space.
+    def sum_of_hits(
+        self,
+        ends: ScanPoints,
+        pose: Float[Array, "3"],
+        sigma: float | Float[Array, ""],
+        unseen_score: float | Float[Array, ""],
+    ) -> Float[Array, ""]:
+        """Return the sum of exp(−d²/2σ²) over the valid beams of a scan at a base pose `[3]`; σ in meters.
 
-        Args:
-            ends: the scan, base frame.
-            pose: `[3]` base pose (m, m, rad, world frame).
+        A beam that ends in unseen space counts as `unseen_score`.
         """
+        squared, unseen = self.look_up(se2.apply(pose, ends.points))
+        on_map = jnp.exp(-0.5 * squared / sigma**2)
+        scores = jnp.where(unseen, unseen_score, on_map)
+        return jnp.sum(jnp.where(ends.valid, scores, 0.0))
+
+    def inlier_ratio(self, ends: ScanPoints, pose: Float[Array, "3"]) -> Float[Array, ""]:
+        """Return the share of valid beams that, from a base pose `[3]`, end near an obstacle or unseen."""
         squared, unseen = self.look_up(se2.apply(pose, ends.points))
         return inlier_ratio(unseen | (squared < (self.radius * self.resolution) ** 2), ends.valid)
 
@@ -93,34 +108,22 @@ class DistanceField(eqx.Module):
     def _interpolate(
         self, x: Float[Array, "B"], y: Float[Array, "B"]
     ) -> tuple[Float[Array, "B"], Float[Array, "B"], Float[Array, "B"]]:
-        """Return distances in cells and slopes (cells per cell), bilinear between cell centers."""
-        squared, along, up = self.corners(x, y)
-        lower_left, lower_right, upper_left, upper_right = (jnp.sqrt(d) for d in squared)
+        """Return distances in cells and slopes, bilinear between cell centers; off the field, at its edge."""
+        scale = 1.0 / self.resolution
+        column = jnp.clip((x - self.origin[0]) * scale - 0.5, 0.0, self.width - 1.01)
+        row = jnp.clip((y - self.origin[1]) * scale - 0.5, 0.0, self.height - 1.01)
+        left, low = column.astype(jnp.int32), row.astype(jnp.int32)
+        along, up = column - left.astype(jnp.float32), row - low.astype(jnp.float32)
+        index = low * self.width + left
+        mask, shift = jnp.uint16(0x7F), jnp.uint16(8)
+        lower, upper = self._look_up(index), self._look_up(index + self.width)
+        corners = (lower & mask, (lower >> shift) & mask, upper & mask, (upper >> shift) & mask)
+        lower_left, lower_right, upper_left, upper_right = (jnp.sqrt(c.astype(jnp.float32)) for c in corners)
         slope_lower, slope_upper = lower_right - lower_left, upper_right - upper_left
         lower, upper = lower_left + along * slope_lower, upper_left + along * slope_upper
         slope_x = slope_lower + up * (slope_upper - slope_lower)
         slope_y = upper - lower
         return lower + up * slope_y, slope_x, slope_y
-
-    def corners(
-        self, x: Float[Array, "B"], y: Float[Array, "B"]
-    ) -> tuple[tuple[Float[Array, "B"], ...], Float[Array, "B"], Float[Array, "B"]]:
-        """Return the squared distances in cells² at the four cell centers around each point.
-
-        Returns:
-            Lower left, lower right, upper left and upper right `[B]`; then the point's position between them
-            along x and along y, 0 to 1. Points off the field are moved to its edge.
-        """
-        scale = 1.0 / self.resolution
-        column = jnp.clip((x - self.origin[0]) * scale - 0.5, 0.0, self.width - 1.01)
-        row = jnp.clip((y - self.origin[1]) * scale - 0.5, 0.0, self.height - 1.01)
-        left, low = column.astype(jnp.int32), row.astype(jnp.int32)
-        index = low * self.width + left
-        lower, upper = self._look_up(index), self._look_up(index + self.width)
-        mask, shift = jnp.uint16(0x7F), jnp.uint16(8)
-        values = (lower & mask, (lower >> shift) & mask, upper & mask, (upper >> shift) & mask)
-        along, up = column - left.astype(jnp.float32), row - low.astype(jnp.float32)
-        return tuple(value.astype(jnp.float32) for value in values), along, up
 
     def _look_up(self, index: Int[Array, "B"]) -> UInt16[Array, "B"]:
         return self.pairs.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)

@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jaxslam.core import se2
 from jaxslam.grid.cell_table import BORDER, CellTable
-from jaxslam.grid.distance import MAX_RADIUS, distance_to_nearest
+from jaxslam.grid.distance import MAX_RADIUS
 from jaxslam.grid.field import Field, field_of_map
 from jaxslam.io.map_server import OccupancyMap
 
@@ -46,26 +46,24 @@ class KnownMap(eqx.Module):
         Raises:
             ValueError: the map has no obstacle or no free space.
         """
-        size = f"{occupancy.occupied.shape[1]} × {occupancy.occupied.shape[0]} cells"
-        if not occupancy.occupied.any():
-            raise ValueError(
-                f"{occupancy.name}: no occupied cell among its {size}, so no scan can be matched to it: "
-                "check its thresholds and negate"
-            )
-        if not occupancy.free.any():
-            raise ValueError(
-                f"{occupancy.name}: no free cell among its {size}, so there is no place for the robot: check "
-                "check its thresholds and negate"
-            )
-        occupied = jnp.asarray(occupancy.occupied)
-        # No distance exceeds the size of the map.
-        reach = int(min(np.ceil(max_distance / occupancy.resolution), sum(occupancy.occupied.shape)))
-        distance = jax.jit(distance_to_nearest)(occupied, reach) * jnp.float32(occupancy.resolution)
+        from scipy.ndimage import distance_transform_edt  # Slow to import, and only known maps need it.
+
+        height, width = occupancy.occupied.shape
+        required = {
+            "occupied": (occupancy.occupied, "no scan can be matched to it"),
+            "free": (occupancy.free, "there is no place for the robot"),
+        }
+        for kind, (cells, consequence) in required.items():
+            if not cells.any():
+                raise ValueError(
+                    f"{occupancy.name}: no {kind} cell among its {width} × {height} cells, so {consequence}: "
+                    "check its thresholds and negate"
+                )
+        distance = distance_transform_edt(~occupancy.occupied).astype(np.float32)
+        distance = np.minimum(distance * np.float32(occupancy.resolution), np.float32(max_distance))
         return cls(
-            occupied=occupied,
-            distance=jnp.pad(
-                jnp.minimum(distance, max_distance), BORDER, constant_values=jnp.float32(max_distance)
-            ),
+            occupied=jnp.asarray(occupancy.occupied),
+            distance=jnp.pad(jnp.asarray(distance), BORDER, constant_values=jnp.float32(max_distance)),
             free=jnp.asarray(np.flatnonzero(occupancy.free), jnp.int32),
             resolution=jnp.asarray(occupancy.resolution, jnp.float32),
             origin=jnp.asarray(occupancy.origin, jnp.float32),

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Int8, Int16
 
 from jaxslam.core.types import LidarScan
+from jaxslam.core.validation import require_within
 from jaxslam.xla.materialize import materialize
 
 LOG_ODDS_PER_UNIT = 0.15
@@ -41,14 +42,8 @@ class OccupancyModel(eqx.Module):
     thinning_ratio: float | Float[Array, ""] = 0.5
 
     def __check_init__(self):
-        bounds = {"hit": (0.0, _LARGEST), "miss": (-_LARGEST, 0.0), "limit": (0.0, _LARGEST)}
-        bounds["occupied_above"] = (-_LARGEST, _LARGEST)
-        bounds["thinning_ratio"] = (0.0, 1.0)
-        for name, (low, high) in bounds.items():
-            value = getattr(self, name)
-            # The value of a traced array is not available.
-            if isinstance(value, int | float) and not low <= value <= high:
-                raise ValueError(f"OccupancyModel: {name} is {value}, must be {low:g} to {high:g}")
+        require_within(self, hit=(0, _LARGEST), miss=(-_LARGEST, 0), limit=(0, _LARGEST))
+        require_within(self, occupied_above=(-_LARGEST, _LARGEST), thinning_ratio=(0, 1))
 
 
 def quantize(log_odds: float | Float[Array, ""]) -> Int8[Array, ""]:
@@ -56,39 +51,15 @@ def quantize(log_odds: float | Float[Array, ""]) -> Int8[Array, ""]:
     return jnp.clip(jnp.round(jnp.asarray(log_odds) / LOG_ODDS_PER_UNIT), -127, 127).astype(jnp.int8)
 
 
-def probability(maps: Int8[Array, "*shape"]) -> Float[Array, "*shape"]:
-    """Return the occupancy probability of log-odds cells; ½ where unseen."""
-    return jax.nn.sigmoid(maps.astype(jnp.float32) * LOG_ODDS_PER_UNIT)
-
-
-class RangeTable(eqx.Module):
-    """A scan tabulated by bearing: the extent of free space around each bearing.
-
-    Attributes:
-        free_until: `[NUM_BEARINGS]` half cells; 0 where unknown. Entry `k` is at the angle
-            `2πk / NUM_BEARINGS` in the lidar frame.
-    """
-
-    free_until: Int16[Array, "n"]
-
-
-class CellsFromLidar(eqx.Module):
-    """The position of each cell of a window relative to the cell of its lidar.
-
-    Attributes:
-        bearing: `[S, S]` index into a `RangeTable`, modulo its length.
-        distance: `[S, S]` half cells, rounded up.
-    """
-
-    bearing: Int16[Array, "S S"]
-    distance: Int16[Array, "S S"]
-
-
-def range_table(scan: LidarScan, resolution: Float[Array, ""], max_cells: int) -> RangeTable:
-    """Tabulate a scan by bearing, once for all particles.
+def range_table(scan: LidarScan, resolution: Float[Array, ""], max_cells: int) -> Int16[Array, "n"]:
+    """Tabulate by bearing how far space is free, once for all particles.
 
     Between two beams the shorter range is used: on a wall seen at a grazing angle, the longer one would
     mark part of the wall free.
+
+    Returns:
+        `[NUM_BEARINGS]` half cells; 0 where unknown. Entry `k` is at the angle `2πk / NUM_BEARINGS` in the
+        lidar frame.
     """
 
     def tabulate(scan: LidarScan) -> Int16[Array, "n"]:
@@ -101,7 +72,7 @@ def range_table(scan: LidarScan, resolution: Float[Array, ""], max_cells: int) -
         half_cells = jnp.floor(2 * shorter / resolution)
         return jnp.clip(half_cells, 0, 2 * max_cells).astype(jnp.int16)
 
-    return RangeTable(materialize(tabulate, scan))
+    return materialize(tabulate, scan)
 
 
 def _position_among_beams(scan: LidarScan) -> Float[Array, "n"]:
@@ -125,8 +96,8 @@ def _reach(scan: LidarScan, beam: Float[Array, "n"]) -> Float[Array, "n"]:
 def add_scan(
     model: OccupancyModel,
     window: Int8[Array, "S S"],
-    table: RangeTable,
-    cells: CellsFromLidar,
+    table: Int16[Array, "n"],
+    cells: tuple[Int16[Array, "S S"], Int16[Array, "S S"]],
     hits: Int[Array, "B 2"],
     valid: Bool[Array, "B"],
     heading: Float[Array, ""],
@@ -140,20 +111,20 @@ def add_scan(
     Args:
         model: log-odds to add.
         window: `[S, S]` fixed-point log-odds.
-        table: the scan by bearing.
-        cells: position of the window's cells relative to the lidar.
+        table: the scan by bearing, from `range_table`.
+        cells: position of the window's cells relative to the lidar, from `cells_from_lidar`.
         hits: `[B, 2]` (row, column) of the beams' end points in the window.
         valid: `[B]` which of them count.
         heading: heading of the lidar in the world, radians.
     """
-    size = window.shape[0]
+    bearing, distance = cells
     shift = jnp.round(heading * (NUM_BEARINGS / (2 * np.pi))).astype(jnp.int16)
     # In two's complement the mask maps negative differences to the right entry as well.
-    index = (cells.bearing - shift) & jnp.int16(NUM_BEARINGS - 1)
-    free_until = table.free_until.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
-    free = cells.distance + jnp.int16(2) <= free_until
+    index = (bearing - shift) & jnp.int16(NUM_BEARINGS - 1)
+    free_until = table.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
+    free = distance + jnp.int16(2) <= free_until
     # An index past the end is dropped; a negative one would wrap around.
-    row = jnp.where(valid & jnp.all(hits >= 0, axis=1), hits[:, 0], size)
+    row = jnp.where(valid & jnp.all(hits >= 0, axis=1), hits[:, 0], window.shape[0])
     before = window.at[row, hits[:, 1]].get(mode="fill", fill_value=0)
     cleared = _add(model, window, jnp.where(free, quantize(model.miss), jnp.int8(0)))
     return cleared.at[row, hits[:, 1]].set(_add(model, before, quantize(model.hit)), mode="drop")
@@ -167,13 +138,17 @@ def _add(
     return jnp.clip(total, -limit, limit).astype(jnp.int8)
 
 
-def cells_from_lidar(size: int, shift: Int[Array, "2"]) -> CellsFromLidar:
+def cells_from_lidar(size: int, shift: Int[Array, "2"]) -> tuple[Int16[Array, "S S"], Int16[Array, "S S"]]:
     """Return the position of a window's cells relative to its lidar, once for all particles.
 
     Args:
         size: cells along a side (static).
         shift: `[2]` rows and columns from the lidar's cell to the window's center cell, less than half
             of `size`.
+
+    Returns:
+        Bearing of each cell `[S, S]`, an index into a range table modulo its length, and distance `[S, S]` in
+        half cells, rounded up.
     """
     offset = np.arange(2 * size) - size
     dx, dy = np.meshgrid(offset, offset)
@@ -186,4 +161,4 @@ def cells_from_lidar(size: int, shift: Int[Array, "2"]) -> CellsFromLidar:
         return jax.lax.dynamic_slice(both, (0, start[0], start[1]), (2, size, size))
 
     found = materialize(cut, start)
-    return CellsFromLidar(found[0], found[1])
+    return found[0], found[1]

@@ -9,6 +9,8 @@ from jaxslam.grid.field import DistanceField
 
 _NUDGE = 1e-3
 """Cells by which a step passes a cell's side: more than float32 rounding on maps of 8000 cells."""
+_Beams = tuple[Float[Array, "B"], Bool[Array, "B"], Bool[Array, "B"], Int[Array, ""]]
+"""Cells travelled, whether the beam has hit, whether it has ended, and the number of steps."""
 
 
 def cast(
@@ -50,19 +52,16 @@ def cast(
     def cells_at(travelled: Float[Array, "B"]) -> Float[Array, "B 2"]:
         return first[None, :] + travelled[:, None] * direction
 
-    def unfinished(
-        carry: tuple[Float[Array, "B"], Bool[Array, "B"], Bool[Array, "B"], Int[Array, ""]],
-    ) -> Bool[Array, ""]:
+    def unfinished(carry: _Beams) -> Bool[Array, ""]:
         _, _, done, trips = carry
         return ~jnp.all(done) & (trips <= field.height + field.width)
 
-    def advance(
-        carry: tuple[Float[Array, "B"], Bool[Array, "B"], Bool[Array, "B"], Int[Array, ""]],
-    ) -> tuple[Float[Array, "B"], Bool[Array, "B"], Bool[Array, "B"], Int[Array, ""]]:
+    def advance(carry: _Beams) -> _Beams:
         travelled, hit, done, trips = carry
         cells = cells_at(travelled)
         corner = jnp.floor(cells)
-        squared = _squared_cells(field, corner)
+        # Read at the centers of the cells, safe from rounding.
+        squared = field.squared_distance(field.centers(corner)) / field.resolution**2
         to_side = jnp.where(forward, corner + 1.0 - cells, cells - corner)
         to_next_cell = jnp.min((to_side + _NUDGE) / speed, axis=-1)
         # The distance is between cell centers: up to half a diagonal lies inside each of the two cells.
@@ -72,19 +71,11 @@ def cast(
         done = done | hit | off_field | (travelled >= reach)
         return jnp.where(done, travelled, travelled + step), hit, done, trips + 1
 
-    start = jnp.zeros_like(angles)
     none = jnp.zeros(angles.shape, bool)
-    travelled, hit, _, _ = jax.lax.while_loop(
-        unfinished, advance, (start, none, none, jnp.zeros((), jnp.int32))
-    )
+    start = (jnp.zeros_like(angles), none, none, jnp.zeros((), jnp.int32))
+    travelled, hit, _, _ = jax.lax.while_loop(unfinished, advance, start)
     # The last step may have ended inside the cell: go back to the later of the two sides crossed on entry.
     corner = jnp.floor(cells_at(travelled))
     to_entry = jnp.where(forward, corner - first[None, :], first[None, :] - corner - 1.0) / speed
     entered = jnp.maximum(jnp.max(to_entry, axis=-1), 0.0)
     return jnp.where(hit, jnp.minimum(entered * field.resolution, max_range), max_range)
-
-
-def _squared_cells(field: DistanceField, corner: Float[Array, "B 2"]) -> Float[Array, "B"]:
-    """Return squared distances in cells² of whole (column, row), read at cell centers against rounding."""
-    centers = (corner + 0.5) * field.resolution + field.origin[None, :]
-    return field.squared_distance(centers) / field.resolution**2

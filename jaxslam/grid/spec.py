@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 
 class GridSpec(eqx.Module):
@@ -37,8 +37,3 @@ class GridSpec(eqx.Module):
     def cells(self, points: Float[Array, "*points 2"]) -> Float[Array, "*points 2"]:
         """Return points `[..., 2]` in continuous cells: (column, row), where cell (0, 0) spans [0, 1)²."""
         return (points - jnp.broadcast_to(self.origin, points.shape)) / self.resolution
-
-    def contains(self, cells: Int[Array, "*points 2"]) -> Bool[Array, "*points"]:
-        """Return whether integer (column, row) pairs lie on the grid."""
-        column, row = cells[..., 0], cells[..., 1]
-        return (column >= 0) & (column < self.width) & (row >= 0) & (row < self.height)

@@ -34,7 +34,7 @@ def wall_jacobian(ends: ScanPoints, heading: Float[Array, ""]) -> Float[Array, "
         ends: the scan, base frame.
         heading: heading of the base in the world, radians; x and y are world axes.
     """
-    arms, normals = se2.rotate_all(heading, ends.points), se2.rotate_all(heading, ends.normals)
+    arms, normals = se2.rotate(heading, ends.points), se2.rotate(heading, ends.normals)
     lever = arms[:, 0] * normals[:, 1] - arms[:, 1] * normals[:, 0]
     return jnp.stack([normals[:, 0], normals[:, 1], lever])
 

@@ -51,7 +51,7 @@ class CorrelativeSearch(eqx.Module):
         """Return the best pose `[3]` of the lattice; the start itself is a lattice point."""
         total = ends.valid.shape[0]
         spread = spread_beams(total, self.num_beams)
-        few = ScanPoints(ends.points[spread], ends.valid[spread], ends.normals[spread])
+        few = jax.tree.map(lambda leaf: leaf[spread], ends)
         share = total / len(spread)
         step = 2 * self.reach / (self.num_translations - 1)
         step_rotation = 2 * self.reach_rotation / (self.num_rotations - 1)
@@ -71,19 +71,14 @@ class CorrelativeSearch(eqx.Module):
         share: float,
     ) -> Float[Array, "3"]:
         """Return the best of center + lattice, one heading at a time to limit memory."""
+        sigma = self.sigma_cells * level.resolution
 
-        def heading(
-            offsets: Float[Array, "offsets 3"],
-        ) -> tuple[Float[Array, ""], Float[Array, "3"]]:
+        def score(pose: Float[Array, "3"]) -> Float[Array, ""]:
+            hits = level.sum_of_hits(ends, pose, sigma, self.unseen_score)
+            return share * self.beam_score * hits + prior.log_prob(pose)
+
+        def heading(offsets: Float[Array, "offsets 3"]) -> tuple[Float[Array, ""], Float[Array, "3"]]:
             poses = center[None] + offsets
-
-            def score(pose: Float[Array, "3"]) -> Float[Array, ""]:
-                squared, unseen = level.look_up(se2.apply(pose, ends.points))
-                on_map = jnp.exp(-0.5 * squared / (self.sigma_cells * level.resolution) ** 2)
-                scores = jnp.where(unseen, self.unseen_score, on_map)
-                total = jnp.sum(jnp.where(ends.valid, scores, 0.0))
-                return share * self.beam_score * total + prior.log_prob(pose)
-
             scores = jax.vmap(score)(poses)
             return jnp.max(scores), poses[jnp.argmax(scores)]
 

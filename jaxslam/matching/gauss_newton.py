@@ -86,7 +86,7 @@ class GaussNewton(eqx.Module):
         self, field: DistanceField, ends: ScanPoints, pose: Float[Array, "3"]
     ) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
         """Return the normal matrix JᵀWJ / s² and the right-hand side −JᵀWe / s²."""
-        arms, normals = se2.rotate_all(pose[2], ends.points), se2.rotate_all(pose[2], ends.normals)
+        arms, normals = se2.rotate(pose[2], ends.points), se2.rotate(pose[2], ends.normals)
         distance, across, direction = field.across(arms + pose[None, :2], normals)
         flat = (ends.normals[:, 0] != 0.0) | (ends.normals[:, 1] != 0.0)
         weight = jnp.exp(-0.5 * distance * distance / self.sigma_cells**2)
@@ -99,16 +99,9 @@ class GaussNewton(eqx.Module):
         slope_x, slope_y = direction[:, 0], direction[:, 1]
         slope_theta = arms[:, 0] * slope_y - arms[:, 1] * slope_x
         x, y, theta = slope_x * weight, slope_y * weight, slope_theta * weight
-        squares = (
-            x * slope_x,
-            x * slope_y,
-            x * slope_theta,
-            y * slope_y,
-            y * slope_theta,
-            theta * slope_theta,
-        )
+        terms = (x * slope_x, x * slope_y, x * slope_theta, y * slope_y, y * slope_theta, theta * slope_theta)
         products = (x * residual, y * residual, theta * residual)
-        xx, xy, xt, yy, yt, tt, *gradient = sums((*squares, *products))
+        xx, xy, xt, yy, yt, tt, *gradient = sums((*terms, *products))
         return jnp.stack([xx, xy, xt, xy, yy, yt, xt, yt, tt]).reshape(3, 3), jnp.stack(gradient)
 
 

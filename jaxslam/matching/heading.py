@@ -57,15 +57,13 @@ class HeadingSearch(eqx.Module):
             sigma: standard deviation of the prediction, radians.
         """
         chosen = spread_beams(ends.valid.shape[0], self.num_beams)
-        points, valid = ends.points[chosen], ends.valid[chosen]
+        few = jax.tree.map(lambda leaf: leaf[chosen], ends)
         turns = jnp.asarray(np.linspace(-1.0, 1.0, self.num_headings), jnp.float32) * self.reach
 
         def score(turn: Float[Array, ""]) -> Float[Array, ""]:
             pose = jnp.append(position, heading + turn * sigma)
-            squared, unseen = level.look_up(se2.apply(pose, points))
-            on_map = jnp.exp(-0.5 * squared / (self.sigma_cells * level.resolution) ** 2)
-            scores = jnp.where(unseen, self.unseen_score, on_map)
-            return self.beam_score * jnp.sum(jnp.where(valid, scores, 0.0)) - 0.5 * turn * turn
+            hits = level.sum_of_hits(few, pose, self.sigma_cells * level.resolution, self.unseen_score)
+            return self.beam_score * hits - 0.5 * turn * turn
 
         best = turns[jnp.argmax(jax.vmap(score)(turns))]
         return jnp.append(position, se2.wrap(heading + best * sigma))

@@ -1,4 +1,4 @@
-"""Iterative closest points: a scan against a particle's map, or against another scan."""
+"""Iterative closest points: a scan against a particle's map."""
 
 import equinox as eqx
 import jax
@@ -18,7 +18,7 @@ class Alignment(eqx.Module):
     """The result of an alignment.
 
     Attributes:
-        pose: `[3]` (m, m, rad), in the frame of the target.
+        pose: `[3]` (m, m, rad, world frame).
         error: root mean square distance of the inliers from their partners, meters; infinite without
             inliers.
         covariance: `[3, 3]` of the pose: the residuals' variance times the inverse information of the walls
@@ -71,44 +71,30 @@ class ICP(eqx.Module):
 
     def match(self, field: Field, ends: ScanPoints, start: Float[Array, "3"]) -> Alignment:
         """Align a scan with a map, from the base pose `start` `[3]` in the world frame."""
-        coarse = self._iterate(field.coarse, ends, start, self.coarse_iterations)[0]
-        pose, converged = self._iterate(field.fine, ends, coarse, self.num_iterations)
-        partners, distance, known = self._on_map(field.fine, ends, pose)
-        return self._finish(ends, pose, converged, partners, distance, ends.valid & known)
-
-    def match_scans(self, target: ScanPoints, ends: ScanPoints, start: Float[Array, "3"]) -> Alignment:
-        """Align a scan with another one, from an initial guess `[3]` of its base pose in the other's frame.
-
-        This is plain laser odometry. The nearest point is searched among all points, at B² distances.
-        """
-
-        def partners_of(pose: Float[Array, "3"]) -> tuple[Array, Array, Array]:
-            points = se2.apply(pose, ends.points)
-            apart = points[:, None, :] - target.points[None, :, :]
-            squared = jnp.sum(apart * apart, axis=-1) + jnp.where(target.valid, 0.0, jnp.inf)[None, :]
-            nearest = jnp.argmin(squared, axis=1)
-            distance = jnp.sqrt(jnp.min(squared, axis=1))
-            return target.points[nearest], distance, jnp.isfinite(distance)
-
-        steps = self.coarse_iterations + self.num_iterations
-        pose, converged = self._repeat(partners_of, ends, start, steps)
-        partners, distance, known = partners_of(pose)
-        return self._finish(ends, pose, converged, partners, distance, ends.valid & known)
+        pose, _ = self._iterate(field.coarse, ends, start, self.coarse_iterations)
+        pose, converged = self._iterate(field.fine, ends, pose, self.num_iterations)
+        _, distance, inliers = self._partners(field.fine, ends, pose)
+        count = jnp.sum(inliers)
+        variance = jnp.sum(jnp.where(inliers > 0, distance * distance, 0.0)) / jnp.maximum(count, 1.0)
+        rows = wall_jacobian(ends, pose[2])
+        information = (rows * inliers[None]) @ rows.T / jnp.maximum(variance, 1e-6)
+        return Alignment(
+            pose=pose,
+            error=jnp.where(count > 0, jnp.sqrt(variance), jnp.inf),
+            # A weak prior of 1 m and 1 rad keeps the matrix invertible.
+            covariance=inverse_symmetric(information + jnp.eye(3, dtype=jnp.float32)),
+            num_inliers=count,
+            converged=converged,
+        )
 
     def _iterate(
         self, field: DistanceField, ends: ScanPoints, start: Float[Array, "3"], num_iterations: int
-    ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
-        return self._repeat(lambda pose: self._on_map(field, ends, pose), ends, start, num_iterations)
-
-    def _repeat(
-        self, partners_of, ends: ScanPoints, start: Float[Array, "3"], num_iterations: int
     ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
         def iterate(
             _: Int[Array, ""], carry: tuple[Float[Array, "3"], Bool[Array, ""]]
         ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
             pose, converged = carry
-            partners, distance, known = partners_of(pose)
-            inliers = self._inliers(distance, ends.valid & known)
+            partners, _, inliers = self._partners(field, ends, pose)
             fitted = rigid_fit(ends.points, partners, inliers * self._worth(ends))
             enough = jnp.sum(inliers) >= 3
             step = se2.relative(pose, fitted)
@@ -119,50 +105,28 @@ class ICP(eqx.Module):
 
         return jax.lax.fori_loop(0, num_iterations, iterate, (start, jnp.zeros((), bool)))
 
-    def _on_map(
+    def _partners(
         self, field: DistanceField, ends: ScanPoints, pose: Float[Array, "3"]
-    ) -> tuple[Float[Array, "B 2"], Float[Array, "B"], Bool[Array, "B"]]:
-        """Return each end point's partner on the map, its obstacle distance (m), and if that is known."""
+    ) -> tuple[Float[Array, "B 2"], Float[Array, "B"], Float[Array, "B"]]:
+        """Return each end point's partner, its obstacle distance (m), and 1 for inliers, 0 otherwise."""
         points = se2.apply(pose, ends.points)
-        normals = se2.rotate_all(pose[2], ends.normals) if self.across_walls else jnp.zeros_like(points)
-        distance, across, direction = field.across(points, normals)
+        normals = se2.rotate(pose[2], ends.normals) if self.across_walls else jnp.zeros_like(points)
+        cells, across, direction = field.across(points, normals)
         # The bilinear slope is shorter than 1 at ridges and beside obstacles, so it is normalized.
         length = jnp.maximum(jnp.hypot(direction[:, 0], direction[:, 1]), _EMPTY)
         partners = points - direction * (across * field.resolution / length)[:, None]
-        return partners, distance * field.resolution, distance < field.radius
-
-    def _inliers(self, distance: Float[Array, "B"], usable: Bool[Array, "B"]) -> Float[Array, "B"]:
-        """Return 1 for inliers and 0 for other pairs."""
+        # Where the distance is truncated, the partner is unknown.
+        usable, distance = ends.valid & (cells < field.radius), cells * field.resolution
         count, total = sums((usable.astype(jnp.float32), jnp.where(usable, distance, 0.0)))
         mean = total / jnp.maximum(count, 1.0)
         near = distance <= jnp.maximum(self.trim * mean, self.least_trim)
-        return (usable & near).astype(jnp.float32)
+        return partners, distance, (usable & near).astype(jnp.float32)
 
     def _worth(self, ends: ScanPoints) -> Float[Array, "B"]:
         """Return the weight of each end point, from its range and whether its wall is known."""
         flat = (ends.normals[:, 0] != 0.0) | (ends.normals[:, 1] != 0.0)
         squared = jnp.sum(ends.points * ends.points, axis=1)
         return jnp.where(flat, 1.0, self.point_weight) / (1.0 + squared / self.half_range**2)
-
-    def _finish(
-        self,
-        ends: ScanPoints,
-        pose: Float[Array, "3"],
-        converged: Bool[Array, ""],
-        partners: Float[Array, "B 2"],
-        distance: Float[Array, "B"],
-        usable: Bool[Array, "B"],
-    ) -> Alignment:
-        weights = self._inliers(distance, usable)
-        count = jnp.sum(weights)
-        squared = jnp.sum(jnp.where(weights > 0, distance * distance, 0.0)) / jnp.maximum(count, 1.0)
-        return Alignment(
-            pose=pose,
-            error=jnp.where(count > 0, jnp.sqrt(squared), jnp.inf),
-            covariance=_covariance(ends, pose, weights, squared),
-            num_inliers=count,
-            converged=converged,
-        )
 
 
 def rigid_fit(
@@ -201,16 +165,5 @@ def rigid_fit(
     sine = cross - total * (center[0] * target[1] - center[1] * target[0])
     # If all points coincide, every angle fits equally well.
     angle = jnp.where((cosine == 0.0) & (sine == 0.0), 0.0, jnp.arctan2(sine, cosine))
-    place = target - se2.rotate_all(angle, center) + jnp.where(total > _EMPTY, origin, 0.0)
+    place = target - se2.rotate(angle, center) + jnp.where(total > _EMPTY, origin, 0.0)
     return jnp.append(place, se2.wrap(angle))
-
-
-def _covariance(
-    ends: ScanPoints, pose: Float[Array, "3"], weights: Float[Array, "B"], variance: Float[Array, ""]
-) -> Float[Array, "3 3"]:
-    """Return residual variance times the walls' inverse information: a wall constrains only across itself."""
-    rows = wall_jacobian(ends, pose[2])
-    information = (rows * weights[None]) @ rows.T
-    # A weak prior of 1 m and 1 rad keeps the matrix invertible.
-    floor = jnp.maximum(variance, 1e-6)
-    return inverse_symmetric(information / floor + jnp.eye(3, dtype=jnp.float32))

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Float, PRNGKeyArray
 
-Fitness = Callable[[Float[Array, "D"]], Float[Array, ""]]
+from jaxslam.core.validation import require_at_least_zero
 
 _NONE = 1e-12
 
@@ -26,22 +26,8 @@ class SwarmResult(eqx.Module):
     history: Float[Array, "G"]
 
 
-class _Flight(eqx.Module):
-    """Record of a generation; with changed flies, it holds both evaluations, `[2, P, D]`.
-
-    Attributes:
-        leader: the best fitness so far.
-        positions: the evaluated positions.
-        fitness: their fitness.
-    """
-
-    leader: Float[Array, "*G"]
-    positions: Float[Array, "*G S P D"]
-    fitness: Float[Array, "*G S P"]
-
-
 class _Swarm(eqx.Module):
-    """The flies and the best position so far."""
+    """The flies, evaluated at their positions, and the best position so far."""
 
     position: Float[Array, "P D"]
     fitness: Float[Array, "P"]
@@ -98,12 +84,7 @@ class FruitFlies(eqx.Module):
     shrink: float | Float[Array, ""] = 1.0
 
     def __check_init__(self):
-        if self.num_flies < 1:
-            raise ValueError(f"num_flies is {self.num_flies}: give 1 or more")
-        if self.num_generations < 0:
-            raise ValueError(f"num_generations is {self.num_generations}: give 0 or more")
-        if self.num_mutants < 0:
-            raise ValueError(f"num_mutants is {self.num_mutants}: give 0 or more")
+        require_at_least_zero(self, positive=("num_flies",))
 
     @classmethod
     def standard(cls, num_flies: int = 20, num_generations: int = 10) -> "FruitFlies":
@@ -122,7 +103,7 @@ class FruitFlies(eqx.Module):
 
     def maximize(
         self,
-        fitness: Fitness,
+        fitness: Callable[[Float[Array, "D"]], Float[Array, ""]],
         key: PRNGKeyArray,
         start: Float[Array, "D"],
         scale: Float[Array, "D"],
@@ -141,15 +122,12 @@ class FruitFlies(eqx.Module):
         """
         lower = jnp.full_like(start, -jnp.inf) if lower is None else lower
         upper = jnp.full_like(start, jnp.inf) if upper is None else upper
-        first = _worst_if_nan(fitness(jnp.clip(start, lower, upper)))
-        swarm = _Swarm(
-            position=jnp.broadcast_to(jnp.clip(start, lower, upper)[None], (self.num_flies, *start.shape)),
-            fitness=jnp.broadcast_to(first[None], (self.num_flies,)),
-            best=jnp.clip(start, lower, upper),
-            best_fitness=first,
-        )
-        swarm, flights = self._fly(jax.vmap(fitness), key, swarm, scale, lower[None], upper[None])
-        return SwarmResult(swarm.best, swarm.best_fitness, flights.leader)
+        start = jnp.clip(start, lower, upper)
+        first = _worst_if_nan(fitness(start))
+        starts = jnp.broadcast_to(start[None], (self.num_flies, *start.shape))
+        swarm = _Swarm(starts, jnp.broadcast_to(first[None], (self.num_flies,)), start, first)
+        swarm, looks = self._fly(jax.vmap(fitness), key, swarm, scale, lower[None], upper[None])
+        return SwarmResult(swarm.best, swarm.best_fitness, looks.best_fitness[:, -1])
 
     def maximize_each(
         self,
@@ -178,13 +156,13 @@ class FruitFlies(eqx.Module):
         first = _worst_if_nan(fitness(starts))
         leader = jnp.argmax(first)
         swarm = _Swarm(starts, first, starts[leader], first[leader])
-        _, flights = self._fly(fitness, key, swarm, scale, lower, upper)
-        positions = jnp.concatenate([starts[None], flights.positions.reshape(-1, *starts.shape)])
-        seen = jnp.concatenate([first[None], flights.fitness.reshape(-1, starts.shape[0])])
+        _, looks = self._fly(fitness, key, swarm, scale, lower, upper)
+        positions = jnp.concatenate([starts[None], looks.position.reshape(-1, *starts.shape)])
+        seen = jnp.concatenate([first[None], looks.fitness.reshape(-1, starts.shape[0])])
         # `argmax` takes the first of equals, so a fly that found nothing better stays at its start.
         best = jnp.argmax(seen, axis=0)
         flies = jnp.arange(starts.shape[0])
-        return SwarmResult(positions[best, flies], seen[best, flies], flights.leader)
+        return SwarmResult(positions[best, flies], seen[best, flies], looks.best_fitness[:, -1])
 
     def _fly(
         self,
@@ -194,13 +172,20 @@ class FruitFlies(eqx.Module):
         scale: Float[Array, "D"],
         lower: Float[Array, "_ D"],
         upper: Float[Array, "_ D"],
-    ) -> tuple[_Swarm, _Flight]:
-        """Run all generations from a swarm that has been evaluated at its positions."""
+    ) -> tuple[_Swarm, _Swarm]:
+        """Return the swarm after all generations, and each of its evaluations, leaves `[G, 1 or 2, ...]`."""
 
-        def generation(swarm: _Swarm, drawn: _Draws) -> tuple[_Swarm, _Flight]:
+        def look(swarm: _Swarm, position: Float[Array, "P D"]) -> _Swarm:
+            position = jnp.clip(position, lower, upper)
+            found = _worst_if_nan(fitness(position))
+            leader = jnp.argmax(found)
+            better = found[leader] > swarm.best_fitness
+            best = jnp.where(better, position[leader], swarm.best)
+            return _Swarm(position, found, best, jnp.where(better, found[leader], swarm.best_fitness))
+
+        def generation(swarm: _Swarm, drawn: _Draws) -> tuple[_Swarm, _Swarm]:
             step_scale = scale * jnp.power(jnp.asarray(self.shrink, jnp.float32), drawn.generation)
-            flown = jnp.clip(swarm.position + self._steps(drawn.steps, step_scale), lower, upper)
-            swarm = _record(swarm, flown, _worst_if_nan(fitness(flown)))
+            swarm = look(swarm, swarm.position + self._steps(drawn.steps, step_scale))
             looks = [swarm]
             if self.improved:
                 changed = swarm.position
@@ -208,31 +193,25 @@ class FruitFlies(eqx.Module):
                     changed = _cross(drawn, changed, swarm.fitness)
                 if self.mutation:
                     changed = self._mutate(drawn, changed, swarm, step_scale)
-                changed = jnp.clip(changed, lower, upper)
-                swarm = _record(swarm, changed, _worst_if_nan(fitness(changed)))
+                swarm = look(swarm, changed)
                 looks.append(swarm)
             # All flies move to the best one.
             gathered = jnp.clip(jnp.broadcast_to(swarm.best[None], swarm.position.shape), lower, upper)
-            flight = _Flight(
-                swarm.best_fitness,
-                jnp.stack([look.position for look in looks]),
-                jnp.stack([look.fitness for look in looks]),
-            )
-            return eqx.tree_at(lambda s: s.position, swarm, gathered), flight
+            swarm = eqx.tree_at(lambda s: s.position, swarm, gathered)
+            return swarm, jax.tree.map(lambda *leaves: jnp.stack(leaves), *looks)
 
         return jax.lax.scan(generation, swarm, self._draw(key, *swarm.position.shape))
 
     def _draw(self, key: PRNGKeyArray, num_flies: int, size: int) -> _Draws:
         """Draw the random numbers of all generations at once, which costs the same as for one."""
-        generations = self.num_generations
         pairs, mutants = num_flies // 2, min(self.num_mutants, num_flies)
         shapes = ((num_flies, size), (pairs,), (pairs, size), (mutants, size), (mutants, size))
         keys = jax.random.split(key, len(shapes))
         values = [
-            jax.random.uniform(key, (generations, *shape), jnp.float32)
+            jax.random.uniform(key, (self.num_generations, *shape), jnp.float32)
             for key, shape in zip(keys, shapes, strict=True)
         ]
-        return _Draws(jnp.arange(generations, dtype=jnp.float32), *values)
+        return _Draws(jnp.arange(self.num_generations, dtype=jnp.float32), *values)
 
     def _steps(self, drawn: Float[Array, "n D"], scale: Float[Array, "D"]) -> Float[Array, "n D"]:
         """Turn numbers in [0, 1) into steps by Liang et al. (17) or (18)."""
@@ -248,8 +227,8 @@ class FruitFlies(eqx.Module):
         count = drawn.mutant_steps.shape[0]
         order = jnp.argsort(-swarm.fitness)
         best, worst = order[:count], order[order.shape[0] - count :]
-        # A component changes with the adaptive probability, and at least one does.
-        chosen = drawn.mutant_which < _mutation_rate(swarm.fitness)[best][:, None]
+        # A component changes with the adaptive probability (k2 = k4 = 0.5), and at least one does.
+        chosen = drawn.mutant_which < _adaptive_rate(swarm.fitness, swarm.fitness, 0.5)[best][:, None]
         chosen = chosen | ~jnp.any(chosen, axis=1, keepdims=True)
         steps = jnp.where(chosen, self._steps(drawn.mutant_steps, scale), 0.0)
         return position.at[worst].set(swarm.position[best] + steps)
@@ -259,48 +238,27 @@ def _worst_if_nan(fitness: Float[Array, "*P"]) -> Float[Array, "*P"]:
     return jnp.where(jnp.isnan(fitness), -jnp.inf, fitness)
 
 
-def _record(swarm: _Swarm, position: Float[Array, "P D"], fitness: Float[Array, "P"]) -> _Swarm:
-    """Return the swarm at new positions; the best is replaced only by a better one."""
-    leader = jnp.argmax(fitness)
-    better: Bool[Array, ""] = fitness[leader] > swarm.best_fitness
-    return _Swarm(
-        position=position,
-        fitness=fitness,
-        best=jnp.where(better, position[leader], swarm.best),
-        best_fitness=jnp.where(better, fitness[leader], swarm.best_fitness),
-    )
-
-
 def _cross(drawn: _Draws, position: Float[Array, "P D"], fitness: Float[Array, "P"]) -> Float[Array, "P D"]:
-    """Cross pairs with the adaptive probability; with an odd number, one fly stays unchanged.
+    """Cross pairs with the adaptive probability (k1 = k3 = 1); an odd fly out stays unchanged.
 
     The flies have moved from one position by independent steps, so neighbors in the array are random pairs.
     """
     half = drawn.cross_whether.shape[0]
     left, right = position[:half], position[half : 2 * half]
-    rate = _crossover_rate(fitness, jnp.maximum(fitness[:half], fitness[half : 2 * half]))
+    rate = _adaptive_rate(fitness, jnp.maximum(fitness[:half], fitness[half : 2 * half]), 1.0)
     share = jnp.where((drawn.cross_whether < rate)[:, None], drawn.cross_share, 1.0)
     one, other = share * left + (1.0 - share) * right, (1.0 - share) * left + share * right
     return jnp.concatenate([one, other, position[2 * half :]])
 
 
-def _crossover_rate(fitness: Float[Array, "P"], fitter: Float[Array, "pairs"]) -> Float[Array, "pairs"]:
-    """Return k1 (f_max − f′) / (f_max − f_mean) above the mean, k3 below it; k1 = k3 = 1."""
-    return _adaptive(fitness, fitter, 1.0)
-
-
-def _mutation_rate(fitness: Float[Array, "P"]) -> Float[Array, "P"]:
-    """Return k2 (f_max − f) / (f_max − f_mean) above the mean, k4 below it; k2 = k4 = 0.5."""
-    return _adaptive(fitness, fitness, 0.5)
-
-
-def _adaptive(fitness: Float[Array, "P"], values: Float[Array, "n"], factor: float) -> Float[Array, "n"]:
+def _adaptive_rate(fitness: Float[Array, "P"], values: Float[Array, "n"], full: float) -> Float[Array, "n"]:
+    """Return full · (f_max − f) / (f_max − f_mean) for values f above the mean, the full rate below it."""
     finite = jnp.isfinite(fitness)
     count = jnp.maximum(jnp.sum(finite, dtype=jnp.float32), 1.0)
     mean = jnp.sum(jnp.where(finite, fitness, 0.0)) / count
     largest = jnp.max(jnp.where(finite, fitness, -jnp.inf))
     spread = jnp.maximum(largest - mean, _NONE)
-    rate = factor * (largest - values) / spread
-    # The full rate below the mean, among equals, and where fitness is not finite.
-    keep = (values < mean) | ~jnp.isfinite(values) | (largest - mean <= _NONE)
-    return jnp.where(keep, factor, jnp.clip(rate, 0.0, factor))
+    rate = full * (largest - values) / spread
+    # Also the full rate among equals, and where fitness is not finite.
+    is_full = (values < mean) | ~jnp.isfinite(values) | (largest - mean <= _NONE)
+    return jnp.where(is_full, full, jnp.clip(rate, 0.0, full))

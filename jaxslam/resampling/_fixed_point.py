@@ -6,8 +6,9 @@ therefore scaled to add up to about 2³¹ and rounded; integer sums are exact in
 departs from N · w by at most N · 2⁻³², 2.3e-5 for 100 000 particles, and by the rounding of w.
 """
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, UInt
+from jaxtyping import Array, Float, Int, PRNGKeyArray, UInt
 
 _SCALE = 2.0**31
 
@@ -18,9 +19,10 @@ def cumulative_weights(weights: Float[Array, "N"]) -> UInt[Array, "N"]:
     return jnp.cumsum(units, dtype=jnp.uint32)
 
 
-def stratum_positions(cumulative: UInt[Array, "N"], offsets: Float[Array, "N"]) -> UInt[Array, "N"]:
-    """Return positions (k + offset_k) · total / N for k = 0 … N − 1, in units; offsets `[N]` in [0, 1)."""
-    total, count = cumulative[-1], cumulative.shape[0]
+def pick_per_stratum(weights: Float[Array, "N"], offsets: Float[Array, "N"]) -> Int[Array, "N"]:
+    """Return the particles `[N]` (int32) at the positions (k + offset_k) / N; offsets `[N]` in [0, 1)."""
+    cumulative, count = cumulative_weights(weights), weights.shape[0]
+    total = cumulative[-1]
     whole, rest = total // jnp.uint32(count), total % jnp.uint32(count)
     index = jnp.arange(count, dtype=jnp.uint32)
     # k · total overflows 32 bits. The whole part fits; the rest is below N, so float32 is precise enough.
@@ -28,7 +30,14 @@ def stratum_positions(cumulative: UInt[Array, "N"], offsets: Float[Array, "N"]) 
     width = total.astype(jnp.float32) / count
     start = index * whole + (index.astype(jnp.float32) * slope).astype(jnp.uint32)
     position = start + (offsets.astype(jnp.float32) * width).astype(jnp.uint32)
-    return jnp.minimum(position, total - jnp.uint32(1))
+    return pick(cumulative, jnp.minimum(position, total - jnp.uint32(1)))
+
+
+def pick_at_random(key: PRNGKeyArray, weights: Float[Array, "N"]) -> Int[Array, "N"]:
+    """Return particles `[N]` (int32) drawn independently."""
+    cumulative = cumulative_weights(weights)
+    positions = jax.random.randint(key, weights.shape, jnp.uint32(0), cumulative[-1], jnp.uint32)
+    return pick(cumulative, positions)
 
 
 def pick(cumulative: UInt[Array, "N"], positions: UInt[Array, "M"]) -> Int[Array, "M"]:

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from jaxslam.core.validation import require_at_least_zero
 from jaxslam.resampling.base import AbstractResampler
 from jaxslam.resampling.ess import effective_sample_size, normalize
 
@@ -42,11 +43,7 @@ class AdaptiveResampling(eqx.Module):
     threshold: float | Float[Array, ""] = 0.5
 
     def __check_init__(self):
-        # The value of a traced threshold is not available; `not >=` also rejects NaN.
-        if isinstance(self.threshold, float) and not self.threshold >= 0.0:
-            raise ValueError(
-                f"AdaptiveResampling: threshold is {self.threshold}, must be >= 0 (a fraction of N)"
-            )
+        require_at_least_zero(self)
 
     def __call__(self, key: PRNGKeyArray, log_weights: Float[Array, "N"]) -> Resampling:
         """Resample from log-weights `[N]`, which need not be normalized, if they have degenerated."""
@@ -58,11 +55,5 @@ class AdaptiveResampling(eqx.Module):
             lambda: self.scheme.ancestors(key, log_weights),
             lambda: jnp.arange(count, dtype=jnp.int32),
         )
-        kept = normalize(log_weights)
-        uniform = normalize(jnp.zeros_like(log_weights))
-        return Resampling(
-            ancestors=ancestors,
-            log_weights=jnp.where(resampled, uniform, kept),
-            resampled=resampled,
-            ess=ess,
-        )
+        kept, uniform = normalize(log_weights), normalize(jnp.zeros_like(log_weights))
+        return Resampling(ancestors, jnp.where(resampled, uniform, kept), resampled, ess)

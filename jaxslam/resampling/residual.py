@@ -1,10 +1,9 @@
 """Residual resampling: the integer part of N · w is deterministic, the rest is drawn."""
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from jaxslam.resampling._fixed_point import cumulative_weights, pick
+from jaxslam.resampling._fixed_point import pick, pick_at_random
 from jaxslam.resampling._selection import select_ancestors
 from jaxslam.resampling.base import AbstractResampler
 
@@ -31,9 +30,6 @@ def _choose(key: PRNGKeyArray, weights: Float[Array, "N"]) -> Int[Array, "N"]:
     remainder = expected - certain
     # Without a remainder, no slot uses the draws; a remainder of ones only keeps them defined.
     remainder = jnp.where(jnp.any(remainder > 0.0), remainder, jnp.ones_like(remainder))
-    lottery = cumulative_weights(remainder)
-    positions = jax.random.randint(key, weights.shape, jnp.uint32(0), lottery[-1], jnp.uint32)
-
     slots = jnp.arange(weights.shape[0], dtype=jnp.uint32)
     copies = jnp.cumsum(certain.astype(jnp.uint32), dtype=jnp.uint32)
-    return jnp.where(slots < copies[-1], pick(copies, slots), pick(lottery, positions))
+    return jnp.where(slots < copies[-1], pick(copies, slots), pick_at_random(key, remainder))

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from jaxslam.resampling._fixed_point import cumulative_weights, pick, stratum_positions
+from jaxslam.resampling._fixed_point import pick_per_stratum
 from jaxslam.resampling._selection import select_ancestors
 from jaxslam.resampling.base import AbstractResampler
 
@@ -22,9 +22,4 @@ class StratifiedResampler(AbstractResampler):
     def ancestors(self, key: PRNGKeyArray, log_weights: Float[Array, "N"]) -> Int[Array, "N"]:
         """Return indices `[N]` (int32), ascending; see `AbstractResampler.ancestors`."""
         offsets = jax.random.uniform(key, log_weights.shape, jnp.float32)
-
-        def choose(weights):
-            cumulative = cumulative_weights(weights)
-            return pick(cumulative, stratum_positions(cumulative, offsets))
-
-        return select_ancestors(log_weights, choose)
+        return select_ancestors(log_weights, lambda weights: pick_per_stratum(weights, offsets))

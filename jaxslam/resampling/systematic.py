@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from jaxslam.resampling._fixed_point import cumulative_weights, pick, stratum_positions
+from jaxslam.resampling._fixed_point import pick_per_stratum
 from jaxslam.resampling._selection import select_ancestors
 from jaxslam.resampling.base import AbstractResampler
 
@@ -23,11 +23,5 @@ class SystematicResampler(AbstractResampler):
 
     def ancestors(self, key: PRNGKeyArray, log_weights: Float[Array, "N"]) -> Int[Array, "N"]:
         """Return indices `[N]` (int32), ascending; see `AbstractResampler.ancestors`."""
-        offset = jax.random.uniform(key, (), jnp.float32)
-
-        def choose(weights):
-            cumulative = cumulative_weights(weights)
-            offsets = jnp.full(weights.shape, offset)
-            return pick(cumulative, stratum_positions(cumulative, offsets))
-
-        return select_ancestors(log_weights, choose)
+        offsets = jnp.full(log_weights.shape, jax.random.uniform(key, (), jnp.float32))
+        return select_ancestors(log_weights, lambda weights: pick_per_stratum(weights, offsets))

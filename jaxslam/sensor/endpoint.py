@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from jaxslam.core import se2
 from jaxslam.core.types import LidarScan
@@ -80,8 +80,9 @@ class Endpoint(AbstractSensorModel):
         for row in range(-self.kernel, self.kernel + 1):
             for column in range(-self.kernel, self.kernel + 1):
                 offset = jnp.asarray([[column, row]], jnp.int32)
-                center = _center(field, cell + offset)
-                seen = _occupied(field, center) & ~_occupied(field, _center(field, before + offset))
+                center = field.centers((cell + offset).astype(jnp.float32))
+                in_front = field.centers((before + offset).astype(jnp.float32))
+                seen = (field.squared_distance(center) == 0.0) & (field.squared_distance(in_front) != 0.0)
                 squared = jnp.sum((points - center) ** 2, axis=1)
                 nearest = jnp.where(seen, jnp.minimum(nearest, squared), nearest)
         return nearest
@@ -89,11 +90,3 @@ class Endpoint(AbstractSensorModel):
 
 def _cells(field: DistanceField, points: Float[Array, "B 2"]) -> Int[Array, "B 2"]:
     return jnp.floor((points - field.origin[None, :]) / field.resolution).astype(jnp.int32)
-
-
-def _center(field: DistanceField, cells: Int[Array, "B 2"]) -> Float[Array, "B 2"]:
-    return (cells.astype(jnp.float32) + 0.5) * field.resolution + field.origin[None, :]
-
-
-def _occupied(field: DistanceField, points: Float[Array, "B 2"]) -> Bool[Array, "B"]:
-    return field.squared_distance(points) == 0.0

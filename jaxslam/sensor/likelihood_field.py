@@ -78,7 +78,7 @@ class LikelihoodField(AbstractSensorModel):
             return self.log_prob_all(prepared, scan, pose[None])[0]
         fine = prepared.fine
         ends = scan_points(scan, self.max_beams)
-        points, normals = se2.apply(pose, ends.points), se2.rotate_all(pose[2], ends.normals)
+        points, normals = se2.apply(pose, ends.points), se2.rotate(pose[2], ends.normals)
         _, unseen = fine.look_up(points)
         distance, across, _ = fine.across(points, normals)
         # Where the distance is truncated, the direction to the obstacle is unknown.

@@ -14,9 +14,7 @@ from jaxslam.core.flags import Flag
 from jaxslam.core.types import StepInputs
 from jaxslam.grid.occupancy import OccupancyModel
 from jaxslam.grid.spec import GridSpec
-from jaxslam.grid.window import (
-    copy_maps,
-)
+from jaxslam.grid.window import copy_maps
 from jaxslam.motion.base import AbstractMotionModel
 from jaxslam.proposal.base import AbstractProposal, ProposalContext, ProposalResult
 from jaxslam.range_network.network import RangeNetwork, with_corrected_ranges
@@ -130,9 +128,10 @@ class RBPF(eqx.Module):
         inputs = with_corrected_ranges(self.range_network, inputs)
         heading = state.poses[jnp.argmax(state.log_weights), 2] + inputs.odometry.delta[2]
         view = self.view.look(inputs.scan, heading)
-        fields = self.view.fields(state.maps, state.poses, inputs.odometry, view)
+        predicted = jax.vmap(se2.compose, (0, None))(state.poses, inputs.odometry.delta)
+        fields = self.view.fields(state.maps, predicted, view)
         context = ProposalContext(inputs.odometry, view.scan, fields, self.motion, self.sensor)
-        proposed = self._propose(keys[:-1], state, context)
+        proposed = self._propose(keys[:-1], state, predicted, context)
         log_weights = state.log_weights + proposed.log_likelihood + proposed.log_ratio
         finite = jnp.isfinite(log_weights)
         log_weights = normalize(jnp.where(finite, log_weights, -jnp.inf))
@@ -164,30 +163,33 @@ class RBPF(eqx.Module):
         )
         return with_sharding(self.mesh, state, self.num_particles), info
 
-    def _propose(self, keys: Key[Array, "N"], state: RBPFState, context: ProposalContext) -> ProposalResult:
+    def _propose(
+        self,
+        keys: Key[Array, "N"],
+        state: RBPFState,
+        predicted: Float[Array, "N 3"],
+        context: ProposalContext,
+    ) -> ProposalResult:
         proposed = self.proposal.sample_all(keys, state.poses, context)
-        predicted = jax.vmap(se2.compose, (0, None))(state.poses, context.odometry.delta)
         # Odometry that is not finite is ignored.
-        predicted = jnp.where(_all_finite(predicted), predicted, state.poses)
+        predicted = jnp.where(_all_finite(predicted)[:, None], predicted, state.poses)
         finite = _all_finite(proposed.pose)
         # On the first step the map is empty and the start pose is given, so the particles are not spread.
         keep = (state.num_steps == 0) | ~finite
-        poses = jnp.where(keep, predicted, proposed.pose)
-        flags = proposed.flags | jnp.where(finite[:, 0], 0, Flag.NONFINITE_POSE.value)
         # A particle that was reset to the odometry gets the lowest likelihood among the others.
-        least = jnp.min(jnp.where(finite[:, 0], proposed.log_likelihood, jnp.inf))
+        least = jnp.min(jnp.where(finite, proposed.log_likelihood, jnp.inf))
         least = jnp.where(jnp.isfinite(least), least, 0.0)
-        log_likelihood = jnp.where(finite[:, 0], proposed.log_likelihood, least)
-        log_ratio = jnp.where(keep[:, 0], 0.0, proposed.log_ratio)
-        return eqx.tree_at(
-            lambda p: (p.pose, p.log_likelihood, p.log_ratio, p.flags),
-            proposed,
-            (poses, log_likelihood, log_ratio, flags.astype(jnp.int32)),
+        flags = proposed.flags | jnp.where(finite, 0, Flag.NONFINITE_POSE.value)
+        return ProposalResult(
+            pose=jnp.where(keep[:, None], predicted, proposed.pose),
+            log_likelihood=jnp.where(finite, proposed.log_likelihood, least),
+            log_ratio=jnp.where(keep, 0.0, proposed.log_ratio),
+            flags=flags.astype(jnp.int32),
         )
 
 
-def _all_finite(poses: Float[Array, "N 3"]) -> Bool[Array, "N 1"]:
-    return jnp.all(jnp.isfinite(poses), axis=1, keepdims=True)
+def _all_finite(poses: Float[Array, "N 3"]) -> Bool[Array, "N"]:
+    return jnp.all(jnp.isfinite(poses), axis=1)
 
 
 def _any_flag(flags: Int[Array, "N"]) -> Int[Array, ""]:

@@ -7,7 +7,7 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float, Int, Int8
 
 from jaxslam.core import se2
-from jaxslam.core.types import LidarScan, OdometryIncrement
+from jaxslam.core.types import LidarScan
 from jaxslam.grid.field import Field, prepare_field, window_rows
 from jaxslam.grid.occupancy import OccupancyModel, add_scan, cells_from_lidar, quantize, range_table
 from jaxslam.grid.spec import GridSpec
@@ -40,15 +40,7 @@ class ScanView(eqx.Module):
 
 
 class MapView(eqx.Module):
-    """Windows of the maps around the scan.
-
-    Attributes:
-        grid: size and placement of the maps.
-        occupancy: what a scan adds to a map.
-        usable_range: longer returns only clear the space up to this range, meters.
-        window_size: cells along a side of a window, divisible by 4 (static).
-        radius: truncation radius of the distance field, cells (static).
-    """
+    """Windows of the maps around the scan; the attributes are those of `RBPF`."""
 
     grid: GridSpec
     occupancy: OccupancyModel
@@ -79,26 +71,18 @@ class MapView(eqx.Module):
     def fields(
         self,
         maps: Int8[Array, "N H W"],
-        poses: Float[Array, "N 3"],
-        odometry: OdometryIncrement,
+        predicted: Float[Array, "N 3"],
         view: ScanView,
     ) -> Field:
         """Build each particle's distance field around its odometry-predicted pose; leaves `[N, ...]`.
 
         Args:
             maps: `[N, H, W]` log-odds in fixed point.
-            poses: `[N, 3]` base poses before the step (m, m, rad).
-            odometry: the odometry since then.
+            predicted: `[N, 3]` base poses (m, m, rad).
             view: from `look`.
         """
         shape = (window_rows(self.window_size, self.radius), self.window_size)
-
-        def start(pose: Float[Array, "3"]) -> Int[Array, "2"]:
-            predicted = se2.compose(pose, odometry.delta)
-            lidar = se2.compose(predicted, view.scan.pose_base_lidar)
-            return window_start(self.grid, lidar[:2], shape, view.shift)[0]
-
-        starts = jax.vmap(start)(poses)
+        _, starts, _ = self._place(predicted, view, shape)
         windows = jax.vmap(thin_walls, (None, 0))(self.occupancy, read_windows(maps, starts, shape))
         origins = jax.vmap(window_origin, (None, 0))(self.grid, starts)
         threshold = quantize(self.occupancy.occupied_above)
@@ -130,8 +114,7 @@ class MapView(eqx.Module):
         ends = scan_points(view.scan)
         # Otherwise XLA would recompute a particle's heading for each cell of its window.
         poses = materialize(lambda poses: poses + 0.0, poses)
-        lidar = jax.vmap(se2.compose, (0, None))(poses, view.scan.pose_base_lidar)
-        starts, off_map = jax.vmap(lambda pose: window_start(self.grid, pose[:2], shape, view.shift))(lidar)
+        lidar, starts, off_map = self._place(poses, view, shape)
 
         def update(
             window: Int8[Array, "S S"],
@@ -140,10 +123,17 @@ class MapView(eqx.Module):
             heading: Float[Array, ""],
         ) -> Int8[Array, "S S"]:
             cells = jnp.floor(self.grid.cells(se2.apply(pose, ends.points))).astype(jnp.int32)
-            return add_scan(
-                self.occupancy, window, table, around, cells[:, ::-1] - start[None], ends.valid, heading
-            )
+            hits = cells[:, ::-1] - start[None]
+            return add_scan(self.occupancy, window, table, around, hits, ends.valid, heading)
 
         windows = read_windows(maps, starts, shape)
         windows = jax.vmap(update)(windows, starts, poses, lidar[:, 2])
         return write_windows(maps, windows, starts, mesh), off_map
+
+    def _place(
+        self, poses: Float[Array, "N 3"], view: ScanView, shape: tuple[int, int]
+    ) -> tuple[Float[Array, "N 3"], Int[Array, "N 2"], Bool[Array, "N"]]:
+        """Return the poses of the lidars, the starts of their windows, and which of these were moved."""
+        lidar = jax.vmap(se2.compose, (0, None))(poses, view.scan.pose_base_lidar)
+        starts, moved = jax.vmap(lambda pose: window_start(self.grid, pose[:2], shape, view.shift))(lidar)
+        return lidar, starts, moved

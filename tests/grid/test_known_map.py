@@ -4,28 +4,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.ndimage import distance_transform_edt
 
-from jaxslam.grid.distance import distance_to_nearest
 from jaxslam.grid.known_map import KnownMap
 from jaxslam.io import OccupancyMap
 from tests.builders import room
 
 ORIGINS = {"upright": (1.0, -2.0, 0.0), "turned": (1.0, -2.0, 0.7), "upside down": (0.0, 0.0, np.pi)}
-
-
-@pytest.mark.parametrize(("shape", "reach"), [((1, 1), 3), ((5, 9), 40), ((31, 18), 4), ((40, 7), 100)])
-def test_distance_is_scipys(shape, reach):
-    random = np.random.default_rng(2)
-    occupied = random.random(shape) < 0.05
-    occupied[-1, 0] = True
-    truth = np.minimum(distance_transform_edt(~occupied), reach)
-    found = jax.jit(distance_to_nearest)(jnp.asarray(occupied), reach)
-    np.testing.assert_allclose(found, truth, rtol=1e-5)
-
-
-def test_distance_without_an_obstacle_is_the_reach():
-    np.testing.assert_array_equal(distance_to_nearest(jnp.zeros((4, 6), bool), 3), 3.0)
 
 
 def test_map_has_a_border_of_nothing():

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.grid import (
-    GridSpec,
+from jaxslam.grid.spec import GridSpec
+from jaxslam.grid.window import (
     copy_maps,
     inside_window,
     read_windows,

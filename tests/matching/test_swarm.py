@@ -185,9 +185,9 @@ def test_a_fly_that_sees_nothing_stays_where_it_set_out():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"num_flies": 0}, "num_flies is 0: give 1 or more"),
-        ({"num_generations": -1}, "num_generations is -1: give 0 or more"),
-        ({"num_mutants": -1}, "num_mutants is -1: give 0 or more"),
+        ({"num_flies": 0}, "num_flies is 0, must be > 0"),
+        ({"num_generations": -1}, "num_generations is -1, must be >= 0"),
+        ({"num_mutants": -1}, "num_mutants is -1, must be >= 0"),
     ],
 )
 def test_impossible_swarms_are_refused(arguments, message):

@@ -29,9 +29,7 @@ STAMP_TOLERANCE = 1e-6
 
 
 def interpolate_poses(
-    stamps: Float64[np.ndarray, "M"],
-    poses: Float64[np.ndarray, "M 3"],
-    query: Float64[np.ndarray, "Q"],
+    stamps: Float64[np.ndarray, "M"], poses: Float64[np.ndarray, "M 3"], query: Float64[np.ndarray, "Q"]
 ) -> Float64[np.ndarray, "Q 3"]:
     """Interpolate a trajectory at other times: linear in x and y, along the shorter arc in theta.
 
@@ -94,9 +92,7 @@ def net_rotation(poses: Float64[np.ndarray, "M 3"]) -> float:
     return float(se2.wrap(np.diff(poses[:, 2])).sum())
 
 
-def yaw_from_quaternion(
-    quaternions: Float64[np.ndarray, "*batch 4"],
-) -> Float64[np.ndarray, "*batch"]:
+def yaw_from_quaternion(quaternions: Float64[np.ndarray, "*batch 4"]) -> Float64[np.ndarray, "*batch"]:
     """Return the yaw in radians of quaternions `[..., 4]` in the order x, y, z, w; any non-zero norm.
 
     The result is the heading of the rotated x axis in the plane, which is the yaw of the ZYX Euler angles.

@@ -212,10 +212,7 @@ def _pairs(squared: UInt8[Array, "cells"], window: Int8[Array, "H W"], margin: i
 
 
 def field_of_map(
-    occupied: Bool[Array, "H W"],
-    origin: Float[Array, "2"],
-    resolution: Float[Array, ""],
-    radius: int,
+    occupied: Bool[Array, "H W"], origin: Float[Array, "2"], resolution: Float[Array, ""], radius: int
 ) -> Field:
     """Return the distance fields of a map of any size, valid up to its edges and within their reach beyond.
 
@@ -226,10 +223,7 @@ def field_of_map(
         occupied: `[H, W]`, row 0 the lowest y.
         origin: `[2]` world position of the lower-left corner of cell (0, 0), meters.
         resolution: side of a cell, meters.
-        radius: truncation radius, cells, 1 to 10 (static).
-
-    Raises:
-        ValueError: the radius is out of bounds.
+        radius: truncation radius, cells (static); 1 to 10, else a `ValueError` is raised.
     """
     height, width = occupied.shape
     # The coarse level reaches farther than the largest radius of the fine level.

@@ -103,6 +103,11 @@ class KnownMap(eqx.Module):
         height, width = self.shape
         return CellTable(values.reshape(-1), self.resolution, height, width)
 
+    def hits(self, sigma: float | Float[Array, ""]) -> Float[Array, "height width"]:
+        """Return exp(−d²/2σ²) of each cell, σ in meters; 0 where the distance is truncated."""
+        hit = jnp.exp(-0.5 * (self.distance / sigma) ** 2)
+        return jnp.where(self.distance < self.max_distance, hit, 0.0)
+
     def near_obstacles(self, near: float | Float[Array, ""]) -> CellTable:
         """Return a table with 1 in the cells within `near` meters of an obstacle, and 0 elsewhere."""
         # `distance` is truncated at `max_distance`, which represents every larger distance.

@@ -83,13 +83,10 @@ def write_windows(
     starts: Int[Array, "N 2"],
     mesh: Mesh | None = None,
 ) -> Int8[Array, "N H W"]:
-    """Write the windows back in place, in a loop of updates; a batched update would copy every map.
+    """Write each particle's window back in place at its first (row, column).
 
-    Args:
-        maps: one per particle.
-        windows: their new contents.
-        starts: first (row, column) of each window.
-        mesh: the devices that the particles are sharded over.
+    The updates run in a loop, because a batched update would copy every map. `mesh` holds the devices that
+    the particles are sharded over.
     """
 
     def write_all(
@@ -110,11 +107,7 @@ def copy_maps(
     """Give every slot its ancestor's map, copying only where the ancestor is another slot.
 
     Every ancestor must keep its own slot (`keep_survivors_in_place`), so that no source is overwritten.
-
-    Args:
-        maps: one per particle.
-        ancestors: the slot that each particle continues.
-        mesh: the devices that the particles are sharded over.
+    `mesh` holds the devices that the particles are sharded over.
     """
     slots = jnp.arange(maps.shape[0], dtype=jnp.int32)
     replaced = jnp.nonzero(ancestors != slots, size=maps.shape[0], fill_value=0)[0]

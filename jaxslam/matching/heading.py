@@ -47,12 +47,12 @@ class HeadingSearch(eqx.Module):
         heading: Float[Array, ""],
         sigma: Float[Array, ""],
     ) -> Float[Array, "3"]:
-        """Return the pose `[3]` at the given position (m) with the best heading.
+        """Return the pose `[3]` at the given position with the best heading.
 
         Args:
             level: the field to search, preferably a coarse one.
             ends: the scan.
-            position: `[2]` position of the robot, meters; it is not changed.
+            position: `[2]` position of the robot, meters.
             heading: predicted heading, radians.
             sigma: standard deviation of the prediction, radians.
         """

@@ -4,9 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 
-def relative_to_largest(
-    log_weights: Float[Array, "N"],
-) -> tuple[Float[Array, "N"], Bool[Array, ""]]:
+def relative_to_largest(log_weights: Float[Array, "N"]) -> tuple[Float[Array, "N"], Bool[Array, ""]]:
     """Return log-weights `[N]` minus the largest, so at most 0, and whether any of them is finite.
 
     Entries that are not finite become −inf; if none is finite, all become 0.

@@ -62,10 +62,9 @@ class LikelihoodField(AbstractSensorModel):
 
     def prepare(self, map: KnownMap) -> CellTable:
         """Return the log density of a beam for each cell in which it can end."""
-        hit = jnp.exp(-0.5 * (map.distance / self.sigma_hit) ** 2)
-        # The distance is truncated at `max_distance`, which represents every larger one.
-        hit = jnp.where(map.distance < map.max_distance, hit, 0.0)
-        return map.table(jnp.log((self.z_hit * hit + self.z_rand) / (self.z_hit + self.z_rand)))
+        return map.table(
+            jnp.log((self.z_hit * map.hits(self.sigma_hit) + self.z_rand) / (self.z_hit + self.z_rand))
+        )
 
     def log_prob(
         self, prepared: Field | CellTable, scan: LidarScan, pose: Float[Array, "3"]

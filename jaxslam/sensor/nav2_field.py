@@ -43,8 +43,7 @@ class Nav2Field(AbstractSensorModel):
 
     def prepare(self, map: KnownMap) -> CellTable:
         """Return the cube that a beam adds for each cell in which it can end."""
-        hit = jnp.exp(-0.5 * (map.distance / self.sigma_hit) ** 2)
-        return map.table(self._cube(jnp.where(map.distance < map.max_distance, hit, 0.0)))
+        return map.table(self._cube(map.hits(self.sigma_hit)))
 
     def log_prob(
         self, prepared: Field | CellTable, scan: LidarScan, pose: Float[Array, "3"]

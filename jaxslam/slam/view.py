@@ -68,12 +68,7 @@ class MapView(eqx.Module):
         seen = seen & inside_window(ends, self.grid.resolution, self.window_size, shift)
         return ScanView(eqx.tree_at(lambda s: s.valid, scan, seen), clearing, shift)
 
-    def fields(
-        self,
-        maps: Int8[Array, "N H W"],
-        predicted: Float[Array, "N 3"],
-        view: ScanView,
-    ) -> Field:
+    def fields(self, maps: Int8[Array, "N H W"], predicted: Float[Array, "N 3"], view: ScanView) -> Field:
         """Build each particle's distance field around its odometry-predicted pose; leaves `[N, ...]`.
 
         Args:

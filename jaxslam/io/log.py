@@ -4,6 +4,7 @@ Stamps are seconds as float64 (float32 cannot represent a Unix time), sorted and
 """
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -207,6 +208,11 @@ def select_rows(track: _AnyTrack, rows: Bool[np.ndarray, "M"] | Int[np.ndarray, 
         if isinstance(value, np.ndarray) and name not in mountings
     }
     return dataclasses.replace(track, **selected)
+
+
+def list_counts(counts: Mapping[str, int]) -> str:
+    """Return the names and counts as text, sorted by name: `/odom (5), /scan (2)`."""
+    return ", ".join(f"{name} ({count})" for name, count in sorted(counts.items()))
 
 
 def _count(track: Track, unit: str) -> str:

@@ -33,8 +33,16 @@ def backward_steps(stamps: Float64[np.ndarray, "M"]) -> BackwardSteps:
     return BackwardSteps(int(np.count_nonzero(lag > 0)), float(lag[row]), row)
 
 
-def sorting_order(stamps: Float64[np.ndarray, "M"]) -> Int64[np.ndarray, "M"]:
-    """Return the row order that sorts the stamps; equal stamps keep the order of the file."""
+def sorting_order(stamps: Float64[np.ndarray, "M"], name: str, warnings: list[str]) -> Int64[np.ndarray, "M"]:
+    """Return the row order that sorts the stamps; equal stamps keep the order of the file.
+
+    If stamps run back, a line about the messages called `name` is appended to `warnings`.
+    """
+    steps = backward_steps(stamps)
+    if steps.num_backward:
+        warnings.append(
+            f"{name}: {steps.num_backward} stamps run back by up to {steps.largest:.3f} s: sorted by time"
+        )
     return np.argsort(stamps, kind="stable").astype(np.int64)
 
 

@@ -8,7 +8,7 @@ from jaxtyping import Float64
 
 from jaxslam.core.trajectory import net_rotation, path_length
 from jaxslam.io.gps import east_north
-from jaxslam.io.log import FixTrack, ImuTrack, JointTrack, OdometryTrack, ScanTrack, SensorLog, Track
+from jaxslam.io.log import ImuTrack, OdometryTrack, ScanTrack, SensorLog, Track
 
 _WIDTH = 100
 _INDENT = 14
@@ -34,8 +34,11 @@ def summarize(log: SensorLog) -> str:
     lines += _scan_lines(log.scans) if log.scans else _wrap("scans", "none")
     lines += _odometry_lines(log.odometry) if log.odometry else _wrap("odometry", "none")
     lines += _imu_lines(log.imu) if log.imu else []
-    lines += _joint_lines(log.joints) if log.joints else []
-    lines += _fix_lines(log.fixes) if log.fixes else []
+    if log.joints:
+        lines += _track_lines("joints", log.joints, "readings", ", ".join(log.joints.names) or "no names")
+    if log.fixes:
+        east, north = np.ptp(east_north(log.fixes.positions), axis=0)
+        lines += _track_lines("GPS", log.fixes, "fixes", f"extent {east:.0f} m east × {north:.0f} m north")
     used = {name for track in log.tracks.values() for name in track.topic.split(" and ")}
     # A CARMEN log's parameters and a bag's static transforms are used in the tracks.
     used |= {"PARAM"} | {topic for topic in log.topics if topic.endswith("tf_static")}
@@ -131,12 +134,3 @@ def _imu_lines(imu: ImuTrack) -> list[str]:
     present = ", ".join(name for name, rows in values.items() if np.isfinite(rows).any())
     known = "known" if imu.mounting_known else "not in the log"
     return _track_lines("IMU", imu, "readings", f"{present or 'no values'}; mounting {known}")
-
-
-def _joint_lines(joints: JointTrack) -> list[str]:
-    return _track_lines("joints", joints, "readings", ", ".join(joints.names) or "no names")
-
-
-def _fix_lines(fixes: FixTrack) -> list[str]:
-    east, north = np.ptp(east_north(fixes.positions), axis=0)
-    return _track_lines("GPS", fixes, "fixes", f"extent {east:.0f} m east × {north:.0f} m north")

@@ -83,7 +83,9 @@ def test_disorder_of_stamps_is_measured_and_sorted_stably():
     stamps = np.array([0.0, 2.0, 1.5, 1.7, 3.0, 3.0])
     assert backward_steps(stamps) == (2, 0.5, 2)
     assert backward_steps(np.zeros(0)) == (0, 0.0, 0)
-    assert sorting_order(stamps).tolist() == [0, 2, 3, 1, 4, 5]
+    warnings = []
+    assert sorting_order(stamps, "ODOM", warnings).tolist() == [0, 2, 3, 1, 4, 5]
+    assert warnings == ["ODOM: 2 stamps run back by up to 0.500 s: sorted by time"]
 
 
 def test_repeated_stamps_are_spread_up_to_the_next():

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64
 
 from jaxslam.io.carmen.geometry import RANGE_MIN, beam_angles, maximum_range, mounting
 from jaxslam.io.carmen.messages import CarmenContent, LaserMessage, OdometryMessage, read_messages
 from jaxslam.io.carmen.time import choose_clock, merge_odometry, message_stamps
 from jaxslam.io.log import LogError, OdometryTrack, ScanTrack, SensorLog
 from jaxslam.io.ranges import clean_ranges
-from jaxslam.io.stamps import backward_steps, sorting_order, spread_repeats
+from jaxslam.io.stamps import sorting_order, spread_repeats
 
 # In order of preference: messages with odometry and geometry, with odometry only, with geometry only.
 _LASER_NAMES = ("ROBOTLASER1", "FLASER", "RAWLASER1")
@@ -98,7 +98,7 @@ def _sort_scans(
     if len(filled) < len(lasers):
         warnings.append(f"{len(lasers) - len(filled)} {name} lines without beams skipped")
     stamps = message_stamps(filled, clock)
-    order = _sorted_rows(stamps, name, warnings)
+    order = sorting_order(stamps, name, warnings)
     filled, stamps = [filled[row] for row in order], stamps[order]
     keep = [row for row in range(len(filled)) if row == 0 or not _same(filled[row - 1], filled[row])]
     if len(keep) < len(filled):
@@ -115,15 +115,6 @@ def _same(first: LaserMessage, second: LaserMessage) -> bool:
         and first.pose_robot == second.pose_robot
         and np.array_equal(first.ranges, second.ranges, equal_nan=True)
     )
-
-
-def _sorted_rows(stamps: Float64[np.ndarray, "M"], name: str, warnings: list[str]) -> Int64[np.ndarray, "M"]:
-    steps = backward_steps(stamps)
-    if steps.num_backward:
-        warnings.append(
-            f"{steps.num_backward} {name} stamps run back by up to {steps.largest:.3f} s: sorted by time"
-        )
-    return sorting_order(stamps)
 
 
 def _scan_track(
@@ -179,7 +170,7 @@ def _odometry_track(
     warnings: list[str],
 ) -> OdometryTrack | None:
     stamps = message_stamps(lines, clock)
-    order = _sorted_rows(stamps, "ODOM", warnings)
+    order = sorting_order(stamps, "ODOM", warnings)
     poses = np.array([message.pose for message in lines], dtype=np.float64).reshape(-1, 3)
     from_lines = (stamps[order], poses[order], _twists(lines, poses)[order])
     scan_poses = _poses(lasers, "robot")

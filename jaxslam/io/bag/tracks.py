@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float64
 
 from jaxslam.core.trajectory import yaw_from_quaternion
 from jaxslam.io.bag.transforms import PlanarMounting
-from jaxslam.io.log import FixTrack, ImuTrack, JointTrack, LogError, OdometryTrack, ScanTrack, select_rows
+from jaxslam.io.log import FixTrack, ImuTrack, JointTrack, LogError, OdometryTrack, ScanTrack
 from jaxslam.io.ranges import clean_ranges, pad_ranges
 from jaxslam.io.stamps import MAX_BACKWARD_S, backward_steps, sorting_order
 
@@ -66,22 +66,18 @@ def common_frame(names: Iterable[str]) -> str:
 
 def odometry_track(timed: TimedMessages, warnings: list[str]) -> OdometryTrack | None:
     """Convert `nav_msgs/Odometry` to planar poses; drop messages whose pose is not finite."""
-    poses = [m.pose.pose for m in timed.contents]
-    twists = [m.twist.twist for m in timed.contents]
-    positions = np.array([_xyz(pose.position) for pose in poses], dtype=np.float64)[:, :2]
-    quaternions = np.array([_xyzw(pose.orientation) for pose in poses], dtype=np.float64)
+    positions = np.array([_xyz(m.pose.pose.position)[:2] for m in timed.contents], dtype=np.float64)
+    quaternions = np.array([_xyzw(m.pose.pose.orientation) for m in timed.contents], dtype=np.float64)
+    linear = np.array([_xyz(m.twist.twist.linear)[:2] for m in timed.contents], dtype=np.float64)
+    angular = np.array([m.twist.twist.angular.z for m in timed.contents], dtype=np.float64)
     good = np.isfinite(positions).all(axis=1) & np.isfinite(quaternions).all(axis=1)
     good &= np.abs(quaternions).max(axis=1) > 0
     _warn_dropped(warnings, timed.topic, good, "poses that are not finite")
     if not good.any():
         return None
-    track = OdometryTrack(
-        timed.stamps,
-        np.column_stack([positions, yaw_from_quaternion(quaternions)]),
-        np.array([(twist.linear.x, twist.linear.y, twist.angular.z) for twist in twists], dtype=np.float64),
-        timed.topic,
-    )
-    return select_rows(track, good)
+    poses = np.column_stack([positions, yaw_from_quaternion(quaternions)])
+    twists = np.column_stack([linear, angular])
+    return OdometryTrack(timed.stamps[good], poses[good], twists[good], timed.topic)
 
 
 def imu_track(timed: TimedMessages, rotation: Float64[np.ndarray, "3 3"] | None) -> ImuTrack:

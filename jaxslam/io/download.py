@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
 import pooch
@@ -41,8 +41,7 @@ class _WrongFileError(FetchError):
     """A commit that does not have the expected file."""
 
 
-@dataclass(frozen=True)
-class _Blob:
+class _Blob(NamedTuple):
     """A file as the pinned commit has it."""
 
     identifier: str
@@ -74,15 +73,13 @@ def fetch_log(log: PublicLog, folder: Path) -> list[Path]:
     try:
         return convert(log.conversion, log.name, fetch_files(log.files, home / "source"), home)
     except OSError as error:
+        other = "choose another folder with --to DIR or the environment variable JAXSLAM_CACHE"
         if error.errno == errno.ENOSPC:
             raise FetchError(
                 f"{home}: the disk is full: free some space and run the command again, which continues the "
-                "download, or choose another folder with --to DIR"
+                f"download, or {other}"
             ) from None
-        raise FetchError(
-            f"{home}: cannot be written ({error.strerror or error}): choose another folder with --to DIR or "
-            "the environment variable JAXSLAM_CACHE"
-        ) from None
+        raise FetchError(f"{home}: cannot be written ({error.strerror or error}): {other}") from None
 
 
 def fetch_files(files: Sequence[RemoteFile], folder: Path) -> list[Path]:
@@ -135,7 +132,7 @@ class _Downloader:
         part = output.with_name(f"{self.file.name}.{commit[:12]}.part")
         url = _file_url(self.file, commit)
         _transfer(url, part, blob.size if blob else self.file.size)
-        found, expected = _sha256(part), self.sha256
+        found, expected = pooch.file_hash(str(part)), self.sha256
         if blob:
             found, expected = _blob_id(part), blob.identifier
         if found != expected:
@@ -175,19 +172,15 @@ def _transfer(url: str, part: Path, size: int | None) -> None:
             part.unlink()
             return _transfer(url, part, size)
         done = start if resumed else 0
-        progress = tqdm(
-            desc=part.name.partition(".")[0],
-            initial=done,
-            total=size,
-            unit="B",
-            unit_scale=True,
-            leave=False,
-            disable=not sys.stderr.isatty(),
-        )
-        with part.open("ab" if resumed else "wb") as stream, progress:
+        name, hidden = part.name.partition(".")[0], not sys.stderr.isatty()
+        with (
+            part.open("ab" if resumed else "wb") as stream,
+            tqdm.wrapattr(
+                stream, "write", size, desc=name, initial=done, leave=False, disable=hidden
+            ) as progress,
+        ):
             for piece in response.iter_content(_CHUNK):
-                stream.write(piece)
-                progress.update(len(piece))
+                progress.write(piece)
 
 
 @contextmanager
@@ -201,7 +194,13 @@ def _get(url: str, start: int = 0) -> Iterator[requests.Response]:
         with requests.get(url, headers=headers, stream=True, timeout=_TIMEOUT) as response:
             answered = True
             if not response.ok and response.status_code != requests.codes.requested_range_not_satisfiable:
-                _refuse(url, host, response)
+                status = f"HTTP {response.status_code} {response.reason}".strip()
+                if response.status_code == requests.codes.not_found:
+                    raise _WrongFileError(f"{url}: {status}: the file is no longer there")
+                if response.status_code in (requests.codes.forbidden, requests.codes.too_many_requests):
+                    limit = "wait an hour, it limits requests per hour"
+                    raise FetchError(f"{host} refuses the request ({status}): {limit}")
+                raise FetchError(f"{url}: {status}: run the command again later")
             yield response
     except requests.JSONDecodeError:
         raise FetchError(f"{url}: the answer is not JSON: does the network ask for a login?") from None
@@ -215,19 +214,6 @@ def _get(url: str, start: int = 0) -> Iterator[requests.Response]:
             f"cannot reach {host} ({cause}): check the network, or run the command on another computer and "
             "copy its cache folder"
         ) from None
-
-
-def _refuse(url: str, host: str, response: requests.Response) -> None:
-    status = f"HTTP {response.status_code} {response.reason}".strip()
-    if response.status_code == requests.codes.not_found:
-        raise _WrongFileError(f"{url}: {status}: the file is no longer there")
-    if response.status_code in (requests.codes.forbidden, requests.codes.too_many_requests):
-        raise FetchError(f"{host} refuses the request ({status}): wait an hour, it limits requests per hour")
-    raise FetchError(f"{url}: {status}: run the command again later")
-
-
-def _sha256(path: Path) -> str:
-    return pooch.file_hash(str(path))
 
 
 def _blob_id(path: Path) -> str:

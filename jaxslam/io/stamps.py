@@ -46,6 +46,15 @@ def sorting_order(stamps: Float64[np.ndarray, "M"], name: str, warnings: list[st
     return np.argsort(stamps, kind="stable").astype(np.int64)
 
 
+def nearest_rows(
+    stamps: Float64[np.ndarray, "M"], queries: Float64[np.ndarray, "*any"]
+) -> Int64[np.ndarray, "*any"]:
+    """Return the row of the sorted stamp nearest to each query, the earlier one of a tie; M ≥ 1."""
+    after = np.clip(np.searchsorted(stamps, queries), 0, len(stamps) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.where(queries - stamps[before] <= stamps[after] - queries, before, after)
+
+
 def spread_repeats(stamps: Float64[np.ndarray, "M"]) -> tuple[Float64[np.ndarray, "M"], int]:
     """Make sorted stamps strictly increasing by spreading runs of equal stamps.
 

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from jaxslam.core.trajectory import Trajectory, yaw_from_quaternion
+from jaxslam.io.files import one_line_errors
 from jaxslam.io.log import LogError
 
 
@@ -79,11 +80,8 @@ def read_number_rows(path: Path, columns: int, names: str) -> list[tuple[int, li
         LogError: the file cannot be read, has no row, or a line is not `columns` finite numbers.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise LogError(f"{path}: no such file") from None
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror}") from None
+        with one_line_errors(path):
+            text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
         raise LogError(f"{path}: not a text file: expected lines '{names}'") from None
     rows = []

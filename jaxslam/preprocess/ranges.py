@@ -3,9 +3,8 @@
 import dataclasses
 from typing import Any, Protocol, runtime_checkable
 
-import numpy as np
-
 from jaxslam.io.log import SensorLog
+from jaxslam.io.ranges import clean_ranges
 from jaxslam.preprocess.deskew import SweepTiming, deskew, sweep_timing
 
 
@@ -30,17 +29,9 @@ def correct_scans(log: SensorLog, lidar: LidarRanges) -> tuple[SensorLog, SweepT
         The log, with readings outside the lidar's interval replaced by NaN ("no return") and without the
         robot's motion during a scan; and the timing used for deskewing, None if it is unknown.
     """
-    log = _within_range(log, lidar)
+    scans = log.scans
+    if scans is not None:  # The maximum stated by drivers is often too large.
+        ranges = clean_ranges(scans.ranges, float(lidar.min_range), float(lidar.max_range))
+        log = dataclasses.replace(log, scans=dataclasses.replace(scans, ranges=ranges))
     timing = sweep_timing(log, float(lidar.turn_time), float(lidar.max_lag))
     return (log if timing is None else deskew(log, timing)), timing
-
-
-def _within_range(log: SensorLog, lidar: LidarRanges) -> SensorLog:
-    """Drop ranges outside the lidar's interval: the maximum stated by drivers is often too large."""
-    if log.scans is None:
-        return log
-    ranges = log.scans.ranges
-    with np.errstate(invalid="ignore"):
-        outside = (ranges < float(lidar.min_range)) | (ranges >= float(lidar.max_range))
-    ranges = np.where(outside, np.float32(np.nan), ranges)
-    return dataclasses.replace(log, scans=dataclasses.replace(log.scans, ranges=ranges))

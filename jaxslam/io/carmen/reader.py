@@ -84,9 +84,7 @@ def _warn_about_lines(content: CarmenContent, used: str, warnings: list[str]) ->
         warnings.append(
             f"{len(content.damaged)} damaged lines skipped, the first is line {content.damaged[0]}{end}"
         )
-    unused = {
-        name: count for name, count in content.counts.items() if name not in ("ODOM", "PARAM", used) and count
-    }
+    unused = {name: count for name, count in content.counts.items() if name not in ("ODOM", "PARAM", used)}
     if unused:
         warnings.append(f"messages not used: {list_counts(unused)}")
 

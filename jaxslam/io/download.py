@@ -11,11 +11,10 @@ import functools
 import hashlib
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from urllib.parse import urlsplit
 
 import pooch
@@ -39,13 +38,6 @@ class FetchError(ValueError):
 
 class _WrongFileError(FetchError):
     """A commit that does not have the expected file."""
-
-
-class _Blob(NamedTuple):
-    """A file as the pinned commit has it."""
-
-    identifier: str
-    size: int
 
 
 def cache_folder(to: Path | None = None) -> Path:
@@ -98,67 +90,61 @@ def fetch_files(files: Sequence[RemoteFile], folder: Path) -> list[Path]:
     checksums = folder / _CHECKSUMS
     if checksums.exists():
         store.load_registry(checksums)
-    list_blobs = functools.cache(_list_blobs)
     paths = []
     for file in files:
         known = file.sha256 or store.registry.get(file.name)
         store.registry[file.name] = known
-        paths.append(Path(store.fetch(file.name, downloader=_Downloader(file, known, list_blobs))))
+        paths.append(Path(store.fetch(file.name, downloader=functools.partial(_download, file, known))))
         if known is None:
             with checksums.open("a", encoding="utf-8") as stream:
                 stream.write(f"{file.name} {pooch.file_hash(str(paths[-1]))}\n")
     return paths
 
 
-@dataclass(frozen=True)
-class _Downloader:
-    """A downloader for pooch that continues an unfinished download and verifies the result."""
+def _download(file: RemoteFile, sha256: str | None, url: str, output_file: str, store: Any) -> None:
+    """Download a file for pooch, from the first of its commits that has the expected content."""
+    commits = (file.commit, *file.other_commits)
+    for commit in commits:
+        try:
+            return _download_from(commit, file, sha256, Path(output_file))
+        except _WrongFileError:
+            if commit == commits[-1]:
+                raise
 
-    file: RemoteFile
-    sha256: str | None
-    list_blobs: Callable[[str, str], Mapping[str, _Blob]]
 
-    def __call__(self, url: str, output_file: str, store: Any) -> None:
-        *others, last = (self.file.commit, *self.file.other_commits)
-        for commit in others:
-            try:
-                return self._download(commit, Path(output_file))
-            except _WrongFileError:
-                continue
-        return self._download(last, Path(output_file))
-
-    def _download(self, commit: str, output: Path) -> None:
-        blob = None if self.sha256 else self._blob(commit)
-        part = output.with_name(f"{self.file.name}.{commit[:12]}.part")
-        url = _file_url(self.file, commit)
-        _transfer(url, part, blob.size if blob else self.file.size)
-        found, expected = pooch.file_hash(str(part)), self.sha256
-        if blob:
-            found, expected = _blob_id(part), blob.identifier
-        if found != expected:
-            part.unlink()
-            raise _WrongFileError(
-                f"{url}: wrong checksum ({found}, expected {expected}): the download was removed; run the "
-                "command again, and if the checksum is wrong again, do not use the file"
-            )
-        os.replace(part, output)
-
-    def _blob(self, commit: str) -> _Blob:
-        blobs = self.list_blobs(self.file.repository, commit)
-        if self.file.path not in blobs:
-            raise _WrongFileError(f"{self.file.repository}: no file {self.file.path} in commit {commit}")
-        return blobs[self.file.path]
+def _download_from(commit: str, file: RemoteFile, sha256: str | None, output: Path) -> None:
+    """Download a file, continuing an unfinished download, and verify it."""
+    part = output.with_name(f"{file.name}.{commit[:12]}.part")
+    url = _file_url(file, commit)
+    if sha256:
+        _transfer(url, part, file.size)
+        found, expected = pooch.file_hash(str(part)), sha256
+    else:
+        blobs = _list_blobs(TREE_URL.format(repository=file.repository, commit=commit))
+        if file.path not in blobs:
+            raise _WrongFileError(f"{file.repository}: no file {file.path} in commit {commit}")
+        expected, size = blobs[file.path]
+        _transfer(url, part, size)
+        found = _blob_id(part)
+    if found != expected:
+        part.unlink()
+        raise _WrongFileError(
+            f"{url}: wrong checksum ({found}, expected {expected}): the download was removed; run the "
+            "command again, and if the checksum is wrong again, do not use the file"
+        )
+    os.replace(part, output)
 
 
 def _file_url(file: RemoteFile, commit: str | None = None) -> str:
     return FILE_URL.format(repository=file.repository, commit=commit or file.commit, path=file.path)
 
 
-def _list_blobs(repository: str, commit: str) -> Mapping[str, _Blob]:
-    """Return the files of a commit by path."""
-    with _get(TREE_URL.format(repository=repository, commit=commit)) as response:
+@functools.cache
+def _list_blobs(url: str) -> Mapping[str, tuple[str, int]]:
+    """Return the blob id and size of the files of a commit, by path."""
+    with _get(url) as response:
         entries = response.json()["tree"]
-    return {entry["path"]: _Blob(entry["sha"], entry["size"]) for entry in entries if entry["type"] == "blob"}
+    return {entry["path"]: (entry["sha"], entry["size"]) for entry in entries if entry["type"] == "blob"}
 
 
 def _transfer(url: str, part: Path, size: int | None) -> None:

@@ -1,28 +1,20 @@
 """Correct the ranges of a log: the interval of the lidar and the motion during a scan."""
 
 import dataclasses
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 from jaxslam.io.log import SensorLog
 from jaxslam.io.ranges import clean_ranges
 from jaxslam.preprocess.deskew import SweepTiming, deskew, sweep_timing
 
-
-@runtime_checkable
-class LidarRanges(Protocol):
-    """The part of `LidarSettings` that the correction needs; this module imports no JAX."""
-
-    @property
-    def min_range(self) -> Any: ...  # noqa: D102
-    @property
-    def max_range(self) -> Any: ...  # noqa: D102
-    @property
-    def turn_time(self) -> Any: ...  # noqa: D102
-    @property
-    def max_lag(self) -> Any: ...  # noqa: D102
+if TYPE_CHECKING:  # Not at run time: the settings import JAX.
+    from jaxslam.config.lidar import LidarSettings
+    from jaxslam.config.lidar_presets import LidarPreset
 
 
-def correct_scans(log: SensorLog, lidar: LidarRanges) -> tuple[SensorLog, SweepTiming | None]:
+def correct_scans(
+    log: SensorLog, lidar: "LidarPreset | LidarSettings"
+) -> tuple[SensorLog, SweepTiming | None]:
     """Return the log with its ranges limited to the lidar's interval and its scans deskewed.
 
     Returns:

@@ -16,7 +16,7 @@ from jaxslam.core.trajectory import (
     yaw_from_quaternion,
 )
 from jaxslam.io.ranges import clean_ranges, saturated_reading
-from jaxslam.io.stamps import backward_steps, sorting_order, spread_repeats
+from jaxslam.io.stamps import largest_step_back, sorting_order, spread_repeats
 
 
 def matrix(pose):
@@ -81,8 +81,8 @@ def test_yaw_is_that_of_scipys_euler_angles():
 
 def test_disorder_of_stamps_is_measured_and_sorted_stably():
     stamps = np.array([0.0, 2.0, 1.5, 1.7, 3.0, 3.0])
-    assert backward_steps(stamps) == (2, 0.5, 2)
-    assert backward_steps(np.zeros(0)) == (0, 0.0, 0)
+    assert largest_step_back(stamps) == (0.5, 2)
+    assert largest_step_back(np.zeros(0)) == (0.0, 0)
     warnings = []
     assert sorting_order(stamps, "ODOM", warnings).tolist() == [0, 2, 3, 1, 4, 5]
     assert warnings == ["ODOM: 2 stamps run back by up to 0.500 s: sorted by time"]

@@ -127,20 +127,14 @@ def _transform_tree(bag: BagFile, warnings: list[str]) -> Tree:
         for message, _ in bag.messages(topic)
         for transform in message.transforms
     ]
-    parents = {}
-    bad = 0
+    parents, bad = {}, 0
     for transform in transforms:
-        translation, rotation = transform.transform.translation, transform.transform.rotation
-        try:
-            matrix = transform_matrix(
-                np.array([translation.x, translation.y, translation.z]),
-                np.array([rotation.x, rotation.y, rotation.z, rotation.w]),
-            )
-        except ValueError:
+        matrix = transform_matrix(transform.transform)
+        if matrix is None:
             bad += 1
-            continue
-        child = transform.child_frame_id.lstrip("/")
-        parents[child] = (transform.header.frame_id.lstrip("/"), matrix)
+        else:
+            child = transform.child_frame_id.lstrip("/")
+            parents[child] = (transform.header.frame_id.lstrip("/"), matrix)
     if bad:
         warnings.append(f"{bad} static transforms are not rigid motions: skipped")
     return parents

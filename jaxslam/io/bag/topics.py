@@ -44,7 +44,17 @@ def choose_topic(
     """
     filled = {name: count for name, (type_, count) in topics.items() if type_ == kind and count}
     if wanted is not None:
-        return _named_topic(path, topics, kind, filled, wanted)
+        name = next((name for name in (wanted, f"/{wanted}") if name in topics), None)
+        if name is not None and name in filled:
+            return name
+        if name is None:
+            nearest = difflib.get_close_matches(wanted, filled or topics, n=1, cutoff=0.0)
+            fault = f"no topic '{wanted}'" + (f", did you mean '{nearest[0]}'?" if nearest else "")
+        elif topics[name][0] == kind:
+            fault = f"topic '{name}' has no messages"
+        else:
+            fault = f"topic '{name}' is {_short(topics[name][0])}, not {_short(kind)}"
+        raise LogError(f"{path}: {fault}: {_short(kind)} topics here: {list_counts(filled) or 'none'}")
     if not filled:
         return None
     usual = [name for name in _USUAL_NAMES[kind] if name in filled]
@@ -53,26 +63,6 @@ def choose_topic(
         others = list_counts({name: count for name, count in filled.items() if name != chosen})
         warnings.append(f"{chosen} chosen as {_short(kind)} of {len(filled)} topics; not used: {others}")
     return chosen
-
-
-def _named_topic(
-    path: Path,
-    topics: Mapping[str, tuple[str, int]],
-    kind: str,
-    filled: Mapping[str, int],
-    wanted: str,
-) -> str:
-    name = next((name for name in (wanted, f"/{wanted}") if name in topics), None)
-    if name is not None and name in filled:
-        return name
-    if name is None:
-        nearest = difflib.get_close_matches(wanted, filled or topics, n=1, cutoff=0.0)
-        fault = f"no topic '{wanted}'" + (f", did you mean '{nearest[0]}'?" if nearest else "")
-    elif topics[name][0] == kind:
-        fault = f"topic '{name}' has no messages"
-    else:
-        fault = f"topic '{name}' is {_short(topics[name][0])}, not {_short(kind)}"
-    raise LogError(f"{path}: {fault}: {_short(kind)} topics here: {list_counts(filled) or 'none'}")
 
 
 def _short(kind: str) -> str:

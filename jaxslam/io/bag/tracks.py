@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,13 +9,10 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from jaxslam.core.trajectory import yaw_from_quaternion
-from jaxslam.io.bag.transforms import PlanarMounting
+from jaxslam.io.bag.transforms import PlanarMounting, xyz, xyzw
 from jaxslam.io.log import FixTrack, ImuTrack, JointTrack, LogError, OdometryTrack, ScanTrack
 from jaxslam.io.ranges import clean_ranges, pad_ranges
-from jaxslam.io.stamps import MAX_BACKWARD_S, backward_steps, sorting_order
-
-_xyz = attrgetter("x", "y", "z")
-_xyzw = attrgetter("x", "y", "z", "w")
+from jaxslam.io.stamps import MAX_BACKWARD_S, largest_step_back, sorting_order
 
 
 class TimedMessages(NamedTuple):
@@ -48,11 +44,11 @@ def in_order(
     if not stamps.any():
         warnings.append(f"{topic}: header stamps are zero, time of receipt used")
         stamps = np.array(received)
-    steps = backward_steps(stamps)
-    if steps.largest > MAX_BACKWARD_S:
+    largest, row = largest_step_back(stamps)
+    if largest > MAX_BACKWARD_S:
         raise LogError(
-            f"{path}: stamps of {topic} run back by {steps.largest:.1f} s at message "
-            f"{steps.row + 1} of {stamps.size} (clock set back, or a simulation restarted?): "
+            f"{path}: stamps of {topic} run back by {largest:.1f} s at message "
+            f"{row + 1} of {stamps.size} (clock set back, or a simulation restarted?): "
             "cut the bag there"
         )
     order = sorting_order(stamps, topic, warnings)
@@ -66,9 +62,9 @@ def common_frame(names: Iterable[str]) -> str:
 
 def odometry_track(timed: TimedMessages, warnings: list[str]) -> OdometryTrack | None:
     """Convert `nav_msgs/Odometry` to planar poses; drop messages whose pose is not finite."""
-    positions = np.array([_xyz(m.pose.pose.position)[:2] for m in timed.contents], dtype=np.float64)
-    quaternions = np.array([_xyzw(m.pose.pose.orientation) for m in timed.contents], dtype=np.float64)
-    linear = np.array([_xyz(m.twist.twist.linear)[:2] for m in timed.contents], dtype=np.float64)
+    positions = np.array([xyz(m.pose.pose.position)[:2] for m in timed.contents], dtype=np.float64)
+    quaternions = np.array([xyzw(m.pose.pose.orientation) for m in timed.contents], dtype=np.float64)
+    linear = np.array([xyz(m.twist.twist.linear)[:2] for m in timed.contents], dtype=np.float64)
     angular = np.array([m.twist.twist.angular.z for m in timed.contents], dtype=np.float64)
     good = np.isfinite(positions).all(axis=1) & np.isfinite(quaternions).all(axis=1)
     good &= np.abs(quaternions).max(axis=1) > 0
@@ -82,9 +78,9 @@ def odometry_track(timed: TimedMessages, warnings: list[str]) -> OdometryTrack |
 
 def imu_track(timed: TimedMessages, rotation: Float64[np.ndarray, "3 3"] | None) -> ImuTrack:
     """Convert `sensor_msgs/Imu`; values marked as absent (covariance −1, zero quaternion) become NaN."""
-    orientations = np.array([_xyzw(m.orientation) for m in timed.contents])
-    rates = np.array([_xyz(m.angular_velocity) for m in timed.contents])
-    accelerations = np.array([_xyz(m.linear_acceleration) for m in timed.contents])
+    orientations = np.array([xyzw(m.orientation) for m in timed.contents])
+    rates = np.array([xyz(m.angular_velocity) for m in timed.contents])
+    accelerations = np.array([xyz(m.linear_acceleration) for m in timed.contents])
     orientations[np.abs(orientations).max(axis=1) == 0] = np.nan
     for values, name in (
         (orientations, "orientation"),

@@ -1,7 +1,8 @@
 """Static transforms of a robot: the mounting of a sensor, from the tree of `/tf_static`."""
 
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from operator import attrgetter
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
@@ -13,19 +14,18 @@ Tree = Mapping[str, tuple[str, Float64[np.ndarray, "4 4"]]]
 TILT_WARNING = np.deg2rad(5.0)
 
 
-def transform_matrix(
-    translation: Float64[np.ndarray, "3"], quaternion: Float64[np.ndarray, "4"]
-) -> Float64[np.ndarray, "4 4"]:
-    """Return the homogeneous matrix of a translation (meters) and a quaternion x, y, z, w of any norm.
+xyz = attrgetter("x", "y", "z")
+xyzw = attrgetter("x", "y", "z", "w")
 
-    Raises:
-        ValueError: the quaternion is zero or a value is not finite.
-    """
+
+def transform_matrix(transform: Any) -> Float64[np.ndarray, "4 4"] | None:
+    """Return the homogeneous matrix of a `geometry_msgs/Transform`, None if it is not a rigid motion."""
     from scipy.spatial.transform import Rotation  # Slow to import, and only bags need it.
 
-    norm = float(np.linalg.norm(quaternion))
+    translation, quaternion = np.array(xyz(transform.translation)), np.array(xyzw(transform.rotation))
+    norm = np.linalg.norm(quaternion)
     if not np.isfinite(translation).all() or not np.isfinite(norm) or norm < 1e-6:
-        raise ValueError(f"not a rigid transform: translation {translation}, quaternion {quaternion}")
+        return None
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
     matrix[:3, 3] = translation

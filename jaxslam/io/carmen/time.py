@@ -10,7 +10,7 @@ from jaxslam.core import se2
 from jaxslam.core.trajectory import interpolate_poses
 from jaxslam.io.carmen.messages import LaserMessage, OdometryMessage
 from jaxslam.io.log import LogError, OdometryTrack, select_rows
-from jaxslam.io.stamps import MAX_BACKWARD_S, backward_steps
+from jaxslam.io.stamps import MAX_BACKWARD_S, largest_step_back
 
 Message = LaserMessage | OdometryMessage
 
@@ -63,10 +63,9 @@ def _fault(streams: Sequence[Sequence[Message]], clock: str) -> str | None:
         stamps = message_stamps(messages, clock)
         if stamps.size > 1 and np.ptp(stamps) == 0:
             return f"all {clock} stamps are {stamps[0]:g}"
-        steps = backward_steps(stamps)
-        if steps.largest > MAX_BACKWARD_S:
-            line = messages[steps.row].line
-            return f"{clock} stamps run back by {steps.largest:.1f} s at line {line}"
+        largest, row = largest_step_back(stamps)
+        if largest > MAX_BACKWARD_S:
+            return f"{clock} stamps run back by {largest:.1f} s at line {messages[row].line}"
     return None
 
 

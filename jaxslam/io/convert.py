@@ -94,9 +94,9 @@ def _gfs(name: str, sources: Sequence[Path], folder: Path) -> list[Path]:
         *values, x, y, theta, stamp = fields[1:]
         pose = f"{x} {y} {theta}"
         if fields[0] == "ODOM":
-            lines.append(_odom(pose, stamp))
+            lines.append(_odom_line(pose, stamp))
         else:
-            lines.append(_flaser(" ".join(values), pose, pose, stamp))
+            lines.append(_flaser_line(" ".join(values), pose, pose, stamp))
     corrected = [line for line in _read_lines(sources[1]) if line.startswith("FLASER ")]
     return [
         _write_log(folder / f"{name}.clf.gz", lines),
@@ -116,14 +116,14 @@ def _gfs_log(name: str, sources: Sequence[Path], folder: Path) -> list[Path]:
     raw, previous, time = np.zeros(3), np.zeros(3), "0.0"
     for fields in _read_fields(sources[0], "ODOM", "FLASER"):
         if fields[0] == "FLASER":  # Taken at the reading before it.
-            lines.append(_flaser(" ".join(fields[1:-9]), _pose_text(raw), _pose_text(raw), time))
+            lines.append(_flaser_line(" ".join(fields[1:-9]), _pose_text(raw), _pose_text(raw), time))
             continue
         pose, stamp = np.array(fields[1:4], dtype=np.float64), float(fields[7])
         if stamp != 0:
             raw = se2.compose(raw, se2.relative(previous, pose)) if stamps else pose
             time = f"{len(stamps) * _INTEL_PERIOD:.1f}"
             stamps.append(stamp)
-            lines.append(_odom(_pose_text(raw), time))
+            lines.append(_odom_line(_pose_text(raw), time))
         previous = pose
     return [
         _write_log(folder / f"{name}.clf.gz", lines),
@@ -170,7 +170,7 @@ def _tinyslam(name: str, sources: Sequence[Path], folder: Path) -> list[Path]:
             laser = se2.compose(pose, np.array([_MINES_LIDAR_OFFSET, 0.0, 0.0]))
             ranges = " ".join(f"{float(field) / 1000:.3f}" for field in fields[24:])
             time = f"{stamp - start:.6f}"
-            lines.append(_odom(_pose_text(pose), time))
+            lines.append(_odom_line(_pose_text(pose), time))
             lines.append(
                 f"ROBOTLASER1 0 {_MINES_GEOMETRY} {_MINES_BEAMS} {ranges} 0 {_pose_text(laser)} "
                 f"{_pose_text(pose)} 0 0 0.2 0.2 1000000 {time} nohost {time}"
@@ -190,11 +190,11 @@ def _wean(name: str, sources: Sequence[Path], folder: Path) -> list[Path]:
             time = f"{values[-1]:.6f}"
             robot = _pose_text(values[:3] * _CM)
             if fields[0] == "O":
-                lines.append(_odom(robot, time))
+                lines.append(_odom_line(robot, time))
             else:
                 ranges = " ".join(f"{reading / 100:.3f}" for reading in values[6:-1])
                 laser = _pose_text(values[3:6] * _CM)
-                lines.append(_flaser(f"{values.size - 7} {ranges}", laser, robot, time))
+                lines.append(_flaser_line(f"{values.size - 7} {ranges}", laser, robot, time))
         written.append(_write_log(folder / f"{name}_{source.name.partition('.')[0]}.clf.gz", lines))
     return [*written, _wean_map(map_path, folder / f"{name}.yaml")]
 
@@ -256,11 +256,11 @@ def _laser_poses(lines: Iterable[str], source: Path) -> tuple[np.ndarray, np.nda
     return stamps[order], np.array(poses, dtype=np.float64)[order]
 
 
-def _odom(pose: str, time: str) -> str:
+def _odom_line(pose: str, time: str) -> str:
     return f"ODOM {pose} 0 0 0 {time} nohost {time}"
 
 
-def _flaser(readings: str, laser: str, robot: str, time: str) -> str:
+def _flaser_line(readings: str, laser: str, robot: str, time: str) -> str:
     return f"FLASER {readings} {laser} {robot} {time} nohost {time}"
 
 

@@ -22,6 +22,8 @@ FREE_THRESHOLD = 0.25
 
 _OCCUPIED_PIXEL, _FREE_PIXEL, _UNKNOWN_PIXEL = 0, 254, 205
 _MODES = ("trinary", "scale", "raw")
+_FINEST, _COARSEST = 1e-4, 1e3  # Smallest and largest plausible side of a cell, meters.
+_FARTHEST = 1e8  # Largest plausible distance from the origin of the coordinates, meters.
 
 
 class MapError(ValueError):
@@ -81,8 +83,7 @@ def write_map(
     path = Path(path)
     if path.suffix not in (".yaml", ".yml"):
         raise MapError(f"{path}: not the name of a yaml file: end it in .yaml")
-    _check_geometry(path, resolution, origin)
-    _check_thresholds(path, free_threshold, occupied_threshold)
+    _check_numbers(path, resolution, origin, free_threshold, occupied_threshold)
     if occupancy_probability.size == 0:
         raise MapError(f"{path}: the map has no cells: shape {occupancy_probability.shape}")
     with np.errstate(invalid="ignore"):
@@ -139,10 +140,9 @@ def read_map(path: str | Path) -> OccupancyMap:
     if not isinstance(origin, list) or len(origin) != 3:
         raise MapError(f"{path}: origin is {origin!r}: expected [x, y, yaw]")
     pose = tuple(_number(path, {"origin": value}, "origin") for value in origin)
-    _check_geometry(path, resolution, pose)
     occupied_thresh = _number(path, entries, "occupied_thresh")
     free_thresh = _number(path, entries, "free_thresh")
-    _check_thresholds(path, free_thresh, occupied_thresh)
+    _check_numbers(path, resolution, pose, free_thresh, occupied_thresh)
     mode = entries.get("mode", "trinary")
     if mode not in _MODES:
         raise MapError(f"{path}: mode is {mode!r}: expected one of {', '.join(_MODES)}")
@@ -154,12 +154,6 @@ def read_map(path: str | Path) -> OccupancyMap:
     occupied = known & (occupancy > occupied_thresh)
     free = known & (occupancy < free_thresh)
     return OccupancyMap(occupied[::-1].copy(), free[::-1].copy(), resolution, np.array(pose), str(path))
-
-
-_FINEST, _COARSEST = 1e-4, 1e3
-"""Smallest and largest plausible side of a cell, meters."""
-_FARTHEST = 1e8
-"""Largest plausible distance from the origin of the coordinates, meters."""
 
 
 def _read_image(path: Path) -> tuple[Float64[np.ndarray, "H W"], Float64[np.ndarray, "H W"]]:
@@ -234,16 +228,15 @@ def _number(path: Path, entries: Mapping[str, Any], key: str, default: float | N
     return float(value)
 
 
-def _check_geometry(path: Path, resolution: float, origin: tuple[float, ...]) -> None:
+def _check_numbers(
+    path: Path, resolution: float, origin: tuple[float, ...], free: float, occupied: float
+) -> None:
     if not _FINEST <= resolution <= _COARSEST:
         raise MapError(
             f"{path}: resolution is {resolution!r}: expected {_FINEST:g} to {_COARSEST:g} meters per cell"
         )
     if len(origin) != 3 or not np.isfinite(origin).all() or np.abs(origin).max() > _FARTHEST:
         raise MapError(f"{path}: origin is {origin!r}: expected x and y up to {_FARTHEST:g} m, and yaw")
-
-
-def _check_thresholds(path: Path, free: float, occupied: float) -> None:
     if not 0 <= free < occupied <= 1:
         raise MapError(
             f"{path}: free_thresh {free:g} and occupied_thresh {occupied:g}: expected "

@@ -10,10 +10,6 @@ from jaxslam.io.log import LogError, SensorLog
 
 _CARMEN_SUFFIXES = (".log", ".clf", ".gz", ".carmen")
 _BAG_SUFFIXES = (".bag", ".mcap", ".db3")
-_KINDS = (
-    "a CARMEN log (.log, .clf, also .gz), a ROS 1 bag (.bag), a ROS 2 bag (.mcap, .db3, or "
-    "its folder with metadata.yaml)"
-)
 
 
 def read_log(
@@ -70,4 +66,7 @@ def _is_bag(path: Path) -> bool:
         return False
     if path.suffix in _BAG_SUFFIXES:
         return True
-    raise LogError(f"{path}: unknown kind of log: expected {_KINDS}")
+    raise LogError(
+        f"{path}: unknown kind of log: expected a CARMEN log (.log, .clf, also .gz), a ROS 1 bag (.bag), "
+        "a ROS 2 bag (.mcap, .db3, or its folder with metadata.yaml)"
+    )

@@ -16,7 +16,7 @@ from jaxslam.core.trajectory import (
     yaw_from_quaternion,
 )
 from jaxslam.io.ranges import clean_ranges, saturated_reading
-from jaxslam.io.stamps import largest_step_back, sorting_order, spread_repeats
+from jaxslam.io.stamps import largest_step_back, nearest_rows, sorting_order, spread_repeats
 
 
 def matrix(pose):
@@ -86,6 +86,12 @@ def test_disorder_of_stamps_is_measured_and_sorted_stably():
     warnings = []
     assert sorting_order(stamps, "ODOM", warnings).tolist() == [0, 2, 3, 1, 4, 5]
     assert warnings == ["ODOM: 2 stamps run back by up to 0.500 s: sorted by time"]
+
+
+def test_the_nearest_stamp_is_found():
+    stamps, queries = np.array([0.0, 1.0, 3.0]), np.array([[-9.0, 0.5], [2.1, 9.0]])
+    assert nearest_rows(stamps, queries).tolist() == [[0, 0], [2, 2]]
+    assert nearest_rows(stamps[:1], queries).tolist() == [[0, 0], [0, 0]]
 
 
 def test_repeated_stamps_are_spread_up_to_the_next():

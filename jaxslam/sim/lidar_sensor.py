@@ -1,7 +1,6 @@
 """A planar lidar, and presets of common models."""
 
 import math
-from collections.abc import Callable
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -66,16 +65,9 @@ class Lidar(eqx.Module):
         return self.angle_min + self.angle_increment * jnp.arange(self.num_beams, dtype=jnp.float32)
 
     def simulate(self, key: PRNGKeyArray, world: World, poses: Float[Array, "T 3"]) -> LidarScan:
-        """Simulate scans `[T, B]` of a world from true base poses.
-
-        Args:
-            key: PRNG key of noise, drop-outs and short readings.
-            world: the world to scan.
-            poses: `[T, 3]` base poses in the world frame: m, m, rad.
-        """
+        """Simulate scans `[T, B]` of a world from true base poses `[T, 3]` (m, m, rad, world frame)."""
         count = poses.shape[0]
-        mounting = jnp.stack([jnp.asarray(value, jnp.float32) for value in self.pose_base_lidar])
-        mounting = jnp.broadcast_to(mounting, (count, 3))
+        mounting = jnp.broadcast_to(jnp.array(self.pose_base_lidar, jnp.float32), (count, 3))
         distances = cast_rays(world, se2.compose(poses, mounting), self.angles())
         ranges, valid = self.measure(key, distances)
         return LidarScan(
@@ -91,8 +83,7 @@ class Lidar(eqx.Module):
     ) -> tuple[Float[Array, "T B"], Bool[Array, "T B"]]:
         """Turn true distances `[T, B]` (meters, infinite if nothing is hit) into readings.
 
-        Returns:
-            Ranges `[T, B]` in meters, 0 where invalid, and a mask of valid readings.
+        Readings are ranges `[T, B]` in meters, 0 where invalid, and a mask of valid ranges.
         """
         normal = standard_normal(key, (4, *distances.shape))
         noise = normal[0]
@@ -166,9 +157,7 @@ def rplidar_a1() -> Lidar:
 def lds_01(bias: RangeBias | None = None) -> Lidar:
     """Return an LDS-01 on a TurtleBot3: 360 beams, 0.12–3.5 m, ±10 mm to 0.5 m, then up to ±3.5 %, 5 Hz.
 
-    Args:
-        bias: bias of one device, as drawn by `draw_lds_01_bias`: its accuracy (±15 mm, ±5 %), whereas the
-            numbers above are its precision. None for no bias.
+    These numbers are its precision. `bias` is the accuracy (±15 mm, ±5 %), as drawn by `draw_lds_01_bias`.
     """
     return Lidar(
         num_beams=360,
@@ -203,8 +192,7 @@ def lds_02() -> Lidar:
 def vlp16_ring(*, num_beams: int = 900) -> Lidar:
     """Return one horizontal ring of a Velodyne VLP-16: 360°, 0.5–100 m, ±30 mm, 10 Hz.
 
-    Args:
-        num_beams: the device gives 1800 at this rate; the default keeps every second one.
+    The device has 1800 beams at this rate; by default, every second one is kept.
     """
     return Lidar(
         num_beams=num_beams,
@@ -214,13 +202,3 @@ def vlp16_ring(*, num_beams: int = 900) -> Lidar:
         range_max=100.0,
         sigma_constant=0.03 / 3,
     )
-
-
-LIDARS: dict[str, Callable[[], Lidar]] = {
-    "sick": sick,
-    "urg_04lx": urg_04lx,
-    "rplidar_a1": rplidar_a1,
-    "lds_01": lds_01,
-    "lds_02": lds_02,
-    "vlp16_ring": vlp16_ring,
-}

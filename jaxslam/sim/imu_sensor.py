@@ -29,9 +29,8 @@ class Inertial(eqx.Module):
 class Imu(eqx.Module):
     """Yaw rate and heading, each with white noise, a bias and a random walk of that bias.
 
-    The heading models a unit that fuses its own sensors: it starts at 0, differs from the integral of
-    the reported rate, and its error is a slow random walk. The defaults are typical of a calibrated
-    consumer (MEMS) unit.
+    The heading is that of a unit which fuses its own sensors: it starts at 0, and its error is a slow random
+    walk. The defaults are typical of a calibrated consumer (MEMS) unit.
 
     Attributes:
         rate_noise_density: white noise of the yaw rate, (rad/s)/√Hz; one sample has the standard

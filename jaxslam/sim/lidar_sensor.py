@@ -112,8 +112,7 @@ class Lidar(eqx.Module):
 def sick(*, num_beams: int = 181) -> Lidar:
     """Return a SICK LMS-200: 180°, 0–80 m, precision 5 mm (1 σ), 10 scans per second.
 
-    Args:
-        num_beams: 180 (step 180°/180, as CARMEN logs have it), 181 or 361 (both end points).
+    It has 180 beams (step 180°/180, as CARMEN logs have it), or 181 or 361 (both end points).
     """
     intervals = num_beams if num_beams % 2 == 0 else num_beams - 1
     return Lidar(

@@ -49,16 +49,11 @@ def reachable(
 def observable(
     world: World, spec: GridSpec, start: Float[np.ndarray, "2"] | Float[Array, "2"]
 ) -> tuple[Bool[np.ndarray, "H W"], Bool[np.ndarray, "H W"]]:
-    """Return the occupied and free cells `[H, W]` that a robot starting at `start` can observe.
+    """Return the occupied and free cells `[H, W]` that a robot starting at `start` (meters) can observe.
 
     Free cells are reachable from `start`; occupied cells touch a free cell by a side or a corner. Cells
-    inside machines and beyond the walls are neither.
-
-    Args:
-        world: the segments, meters.
-        spec: size and placement of the grid. It should cover the world; otherwise the outside is reachable
-            through the missing wall.
-        start: `[2]` a position in free space, meters.
+    inside machines and beyond the walls are neither. The grid should cover the world; otherwise the outside
+    is reachable through the missing wall.
 
     Raises:
         ValueError: if `start` lies outside the grid or on an occupied cell.

@@ -13,9 +13,8 @@ from jaxslam.sim.numeric import Scalar, compensated_add
 class Robot(eqx.Module):
     """Limits and steering of the robot.
 
-    The robot follows the straight leg between two way-points by aiming at a point `lookahead` ahead
-    on it. It slows down for the turn at the leg's end and for heading errors, and turns in place if
-    necessary.
+    The robot aims at a point `lookahead` ahead on the straight leg between two way-points. It slows down for
+    the turn at the leg's end and for heading errors, and turns in place if necessary.
 
     Attributes:
         radius: radius of the circle around the robot, meters.

@@ -33,7 +33,7 @@ class Simulation(eqx.Module):
         inertial: the IMU's samples.
         scans: `T` scans, `[T, B]`; instantaneous, without motion distortion.
         scan_poses: `[T, 3]` true base poses at the scans, world frame: the reference trajectory.
-        robot, wheels, imu, lidar: the models of the simulation.
+        wheels, imu, lidar: the models of the sensors.
         duration: seconds (static).
     """
 
@@ -42,7 +42,6 @@ class Simulation(eqx.Module):
     inertial: Inertial
     scans: LidarScan
     scan_poses: Float[Array, "*batch T 3"]
-    robot: Robot
     wheels: WheelOdometry
     imu: Imu
     lidar: Lidar
@@ -122,7 +121,6 @@ def _simulate(
         inertial=imu.simulate(key_imu, truth, sample_times(imu.rate, duration, phase=0.5)),
         scans=lidar.simulate(key_lidar, world, scan_poses),
         scan_poses=scan_poses,
-        robot=robot,
         wheels=wheels,
         imu=imu,
         lidar=lidar,

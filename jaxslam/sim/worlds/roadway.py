@@ -74,7 +74,7 @@ def build_roadway(name: str, plan: Roadway, rng: np.random.Generator) -> Site:
         corners = _subdivided(outline, plan.facet)
         rough = corners + rng.uniform(-plan.roughness, plan.roughness, corners.shape)
         shapes.append(polyline(_bent(plan, rough), closed=True))
-    for x, y in _bent(plan, np.array(_supports(plan))):
+    for x, y in _bent(plan, _supports(plan)):
         shapes.append(box((x, y), (0.16, 0.16), angle=rng.uniform(0.0, 1.5)))
     left, right = plan.cross_cuts[0], plan.cross_cuts[-1]
     corners = np.array([[left, 0.0], [right, 0.0], [right, plan.spacing], [left, plan.spacing]])
@@ -108,7 +108,7 @@ def _pillars(plan: Roadway) -> list[Float64[np.ndarray, "4 2"]]:
     return [np.array([(left, low), (right, low), (right, high), (left, high)]) for left, right in edges]
 
 
-def _supports(plan: Roadway) -> list[tuple[float, float]]:
+def _supports(plan: Roadway) -> Float64[np.ndarray, "_ 2"]:
     """Return the positions of the support legs: along both walls of both drifts, except at openings."""
     off_wall = plan.width / 2 - plan.roughness - 0.2
     legs = []
@@ -119,8 +119,8 @@ def _supports(plan: Roadway) -> list[tuple[float, float]]:
                 stubs = [place for place, where in plan.stubs if where == side]
                 openings = plan.cross_cuts if inner else stubs
                 if all(abs(x - opening) > plan.width / 2 + 0.3 for opening in openings):
-                    legs.append((float(x), drift + side * off_wall))
-    return legs
+                    legs.append((x, drift + side * off_wall))
+    return np.array(legs).reshape(-1, 2)
 
 
 def _subdivided(outline: Float64[np.ndarray, "P 2"], step: float) -> Float64[np.ndarray, "_ 2"]:

@@ -36,8 +36,9 @@ def associate(
     matched = (to_reference[to_estimate] == index) & (difference <= max_difference)
     if not matched.any():
         raise ValueError(
-            f"no stamps match within {max_difference} s: reference covers {format_span(stamps_reference)}, "
-            f"estimate {format_span(stamps_estimate)}; check the clocks or raise max_difference"
+            f"no stamps match within {max_difference} s: the reference covers "
+            f"{format_span(stamps_reference)}, the estimate {format_span(stamps_estimate)}; "
+            "check the clocks or raise max_difference"
         )
     return index[matched], to_estimate[matched]
 
@@ -73,7 +74,7 @@ def align_se2(
     points_estimate = estimate[:, :2].astype(float)
     mean_reference, mean_estimate = points_reference.mean(axis=0), points_estimate.mean(axis=0)
     p, q = points_estimate - mean_estimate, points_reference - mean_reference
-    # Both sums are proportional to the cosine and the sine of the rotation.
+    # The sums are proportional to the cosine and the sine of the rotation.
     cosine = np.sum(p * q)
     sine = np.sum(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])
     # Rounding of the coordinates alone can cause sums of this size.

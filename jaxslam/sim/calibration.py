@@ -27,6 +27,6 @@ def calibration_run(
         num_readings: number of readings R at each distance.
 
     Returns:
-        As `Lidar.measure`. Noise makes some readings near the limits of the range invalid.
+        Readings and mask as from `Lidar.measure`. Some readings near the limits of the range are invalid.
     """
     return lidar.measure(key, jnp.broadcast_to(distances[:, None], (len(distances), num_readings)))

@@ -112,7 +112,7 @@ class Lidar(eqx.Module):
 def sick(*, num_beams: int = 181) -> Lidar:
     """Return a SICK LMS-200: 180°, 0–80 m, precision 5 mm (1 σ), 10 scans per second.
 
-    It has 180 beams (step 180°/180, as CARMEN logs have it), or 181 or 361 (both end points).
+    `num_beams` is 180 (step 180°/180, as in CARMEN logs), or 181 or 361 (with both end points).
     """
     intervals = num_beams if num_beams % 2 == 0 else num_beams - 1
     return Lidar(
@@ -156,7 +156,8 @@ def rplidar_a1() -> Lidar:
 def lds_01(bias: RangeBias | None = None) -> Lidar:
     """Return an LDS-01 on a TurtleBot3: 360 beams, 0.12–3.5 m, ±10 mm to 0.5 m, then up to ±3.5 %, 5 Hz.
 
-    These numbers are its precision. `bias` is the accuracy (±15 mm, ±5 %), as drawn by `draw_lds_01_bias`.
+    These numbers are the precision. The accuracy of one device (±15 mm, ±5 %) is given by `bias`, see
+    `draw_lds_01_bias`; None for no bias.
     """
     return Lidar(
         num_beams=360,
@@ -191,7 +192,7 @@ def lds_02() -> Lidar:
 def vlp16_ring(*, num_beams: int = 900) -> Lidar:
     """Return one horizontal ring of a Velodyne VLP-16: 360°, 0.5–100 m, ±30 mm, 10 Hz.
 
-    The device has 1800 beams at this rate; by default, every second one is kept.
+    The device has 1800 beams at this rate; the default `num_beams` keeps every second one.
     """
     return Lidar(
         num_beams=num_beams,

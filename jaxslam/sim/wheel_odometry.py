@@ -143,8 +143,8 @@ class WheelOdometry(eqx.Module):
         """Return the true angle `[P, 2]` of the left and right wheel at each step, radians."""
         half_track = self.track_width * (1 + errors.track_width) / 2
         speed, yaw_rate = drive.velocities[:-1, 0], drive.velocities[:-1, 2]
-        faster = half_track * yaw_rate
-        rolled = jnp.stack([speed - faster, speed + faster], axis=1) / drive.rate
+        turning = half_track * yaw_rate
+        rolled = jnp.stack([speed - turning, speed + turning], axis=1) / drive.rate
         rolled = rolled + self.sigma_slip * jnp.sqrt(jnp.abs(rolled)) * slip
         radius = self.wheel_radius * (1 + jnp.stack([errors.left_radius, errors.right_radius]))
         turned = running_sum(rolled / radius[None])

@@ -137,12 +137,12 @@ def leg_clearances(
     start, end = waypoints[:, None], np.roll(waypoints, -1, axis=0)[:, None]
     first, second = segments[None, :, :2], segments[None, :, 2:]
     # Two segments that do not cross are nearest at an end point of one of them.
-    from_leg_first, side_first = _distance_and_side(first, start, end)
-    from_leg_second, side_second = _distance_and_side(second, start, end)
-    from_wall_start, side_start = _distance_and_side(start, first, second)
-    from_wall_end, side_end = _distance_and_side(end, first, second)
+    distance_first, side_first = _distance_and_side(first, start, end)
+    distance_second, side_second = _distance_and_side(second, start, end)
+    distance_start, side_start = _distance_and_side(start, first, second)
+    distance_end, side_end = _distance_and_side(end, first, second)
     crossing = (side_first * side_second < 0) & (side_start * side_end < 0)
-    distances = np.minimum.reduce([from_leg_first, from_leg_second, from_wall_start, from_wall_end])
+    distances = np.minimum.reduce([distance_first, distance_second, distance_start, distance_end])
     return np.where(crossing, 0.0, distances).min(axis=1)
 
 

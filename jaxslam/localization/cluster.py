@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxslam.core import se2
+from jaxslam.core.types import Scalar
 from jaxslam.core.validation import require_at_least_zero
 
 
@@ -55,8 +56,8 @@ class Clustering(eqx.Module):
         num_shifts: number of window shifts (static).
     """
 
-    reach: float | Float[Array, ""] = 1.0
-    reach_rotation: float | Float[Array, ""] = 0.5
+    reach: Scalar = 1.0
+    reach_rotation: Scalar = 0.5
     num_shifts: int = eqx.field(static=True, default=5)
 
     def __check_init__(self):

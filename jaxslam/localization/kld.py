@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxslam.core.types import Scalar
 from jaxslam.core.validation import require_at_least_zero
 from jaxslam.grid.known_map import KnownMap
 
@@ -80,9 +81,9 @@ class KLDSampling(eqx.Module):
         ε = 0.05, z = 2.326: 1 bin needs `min_particles`, 2 bins 66 particles, 10 need 217 and 100 need 1347.
     """
 
-    error: float | Float[Array, ""] = 0.05
-    quantile: float | Float[Array, ""] = 2.326
-    min_particles: float | Float[Array, ""] = 500.0
+    error: Scalar = 0.05
+    quantile: Scalar = 2.326
+    min_particles: Scalar = 500.0
 
     def __check_init__(self):
         require_at_least_zero(self, positive=("error", "min_particles"))

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from jaxslam.core.types import Scalar
 from jaxslam.core.validation import require_at_least_zero
 
 
@@ -54,10 +55,10 @@ class Recovery(eqx.Module):
         Thrun, Burgard, Fox 2005, table 8.3.
     """
 
-    slow: float | Float[Array, ""] = 0.01
-    fast: float | Float[Array, ""] = 0.2
-    drop: float | Float[Array, ""] = 0.85
-    lost_share: float | Float[Array, ""] = 0.3
+    slow: Scalar = 0.01
+    fast: Scalar = 0.2
+    drop: Scalar = 0.85
+    lost_share: Scalar = 0.3
 
     def __check_init__(self):
         require_at_least_zero(self, positive=("drop",))

@@ -131,26 +131,25 @@ def read_readings_csv(path: Path) -> Readings:
     twice = [name for name in _COLUMNS if header.count(name) > 1]
     if twice:
         raise ValueError(f"{path}: two columns {twice[0]} in its first line: remove one")
-    places = [header.index(name) for name in _COLUMNS]
-    numbers = [_row(path, line, row, places) for line, row in rows[1:]]
-    if not numbers:
+    if not rows[1:]:
         raise ValueError(f"{path}: no readings below its first line")
-    true, measured = np.asarray(numbers, np.float64).T
+    places = [header.index(name) for name in _COLUMNS]
+    true, measured = np.asarray([_row(path, line, row, places) for line, row in rows[1:]], np.float64).T
     lines = np.asarray([line for line, _ in rows[1:]])
     _check_distances(path, true, measured, lines)
     return _with_returns(str(path), true, measured)
 
 
-def _row(path: Path, line: int, row: list[str], places: list[int]) -> tuple[float, float]:
-    texts = [row[place].strip() if place < len(row) else "" for place in places]
-    # The measured column may be empty: the beam did not return.
-    true, measured = _number(texts[0]), _number(texts[1] or "nan")
-    for name, text, number in zip(_COLUMNS, texts, (true, measured), strict=True):
+def _row(path: Path, line: int, row: list[str], places: list[int]) -> list[float]:
+    """Return the true distance and the reading of a line; the reading is NaN if the beam did not return."""
+    numbers = []
+    for name, place, missing in zip(_COLUMNS, places, ("", "nan"), strict=True):
+        text = row[place].strip() if place < len(row) else ""
+        number = _number(text or missing)
         if number is None:
             raise ValueError(f"{path}: line {line}: {name} is {text!r}, which is not a number")
-    assert true is not None
-    assert measured is not None
-    return true, measured
+        numbers.append(number)
+    return numbers
 
 
 def _check_distances(

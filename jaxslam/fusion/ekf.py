@@ -110,8 +110,7 @@ class EKF(eqx.Module):
         remain = jnp.eye(size, dtype=belief.mean.dtype) - gain @ observe
         covariance = remain @ belief.covariance @ remain.T + gain @ noise @ gain.T
         limit = jnp.asarray(_GATES, belief.mean.dtype)[jnp.sum(seen, dtype=jnp.int32)]
-        finite = jnp.isfinite(distance)
-        accepted: Bool[Array, ""] = finite & ((distance <= limit) if self.gate else True)
+        accepted: Bool[Array, ""] = jnp.isfinite(distance) & ((distance <= limit) if self.gate else True)
         mean = jnp.where(accepted, belief.mean + gain @ innovation, belief.mean)
         kept = jnp.where(accepted, _symmetric(covariance), belief.covariance)
         return EKFUpdate(Belief(_wrapped(mean), kept), distance, accepted)

@@ -141,13 +141,7 @@ class AMCL(eqx.Module):
     max_particles: int = eqx.field(static=True, kw_only=True)
 
     def init(self, key: PRNGKeyArray, pose0: Float[Array, "3"], covariance: Float[Array, "3 3"]) -> AMCLState:
-        """Return particles around a start pose.
-
-        Args:
-            key: PRNG key.
-            pose0: `[3]` (m, m, rad, world frame).
-            covariance: `[3, 3]` of `pose0` (m², m·rad, rad²); zeros put all particles at `pose0`.
-        """
+        """Return particles around a start pose (m, m, rad, world frame); zero covariance puts all there."""
         factor = cholesky(covariance.astype(jnp.float32), jnp.full(3, 1e-12, jnp.float32))
         offsets = jax.random.normal(key, (self.max_particles, 3), jnp.float32) @ factor.T
         poses = pose0.astype(jnp.float32)[None] + offsets
@@ -172,10 +166,8 @@ class AMCL(eqx.Module):
         inputs = with_corrected_ranges(self.range_network, inputs)
         sizes = self._sizes()
         stage = jnp.sum(state.num_particles > jnp.asarray(sizes[:-1], jnp.int32), dtype=jnp.int32)
-        branches = [
-            partial(self._step_of, now, after)
-            for now, after in zip(sizes, sizes[1:] + sizes[-1:], strict=True)
-        ]
+        now_and_after = zip(sizes, sizes[1:] + sizes[-1:], strict=True)
+        branches = [partial(self._step_of, now, after) for now, after in now_and_after]
         return jax.lax.switch(stage, branches, key, state, inputs)
 
     def _sizes(self) -> list[int]:
@@ -241,8 +233,7 @@ class AMCL(eqx.Module):
                 jnp.int32(0),
             ),
         )
-        inactive = jnp.arange(size_after) >= num_next
-        next_log_weights = jnp.where(inactive, -jnp.inf, next_log_weights)
+        next_log_weights = jnp.where(jnp.arange(size_after) < num_next, next_log_weights, -jnp.inf)
         state = AMCLState(
             poses=state.poses.at[:size_after].set(next_poses),
             log_weights=jnp.full_like(state.log_weights, -jnp.inf).at[:size_after].set(next_log_weights),
@@ -251,9 +242,9 @@ class AMCL(eqx.Module):
             converged=converged & ~lost,
             num_steps=state.num_steps + 1,
         )
-        flags = jnp.where(enough, 0, Flag.FEW_VALID_BEAMS.value) | jnp.where(
-            jnp.all(finite[:, 0] | ~active), 0, Flag.NONFINITE_POSE.value
-        )
+        all_finite = jnp.all(finite[:, 0] | ~active)
+        few = jnp.where(enough, 0, Flag.FEW_VALID_BEAMS.value)
+        nonfinite = jnp.where(all_finite, 0, Flag.NONFINITE_POSE.value)
         info = AMCLInfo(
             estimate=estimate,
             num_particles=num_particles,
@@ -263,7 +254,7 @@ class AMCL(eqx.Module):
             converged=converged,
             lost=lost,
             match_score=score,
-            flags=flags.astype(jnp.int32),
+            flags=(few | nonfinite).astype(jnp.int32),
         )
         return state, info
 
@@ -284,9 +275,7 @@ class AMCL(eqx.Module):
     ) -> tuple[Int[Array, ""], Float[Array, "count 3"], Float[Array, "count"], Int[Array, ""]]:
         """Draw as many particles as are needed, each independently, by weight or from the whole map.
 
-        Returns:
-            Their number; `[count, 3]` poses and `[count]` log-weights, of which the first entries up to this
-            number are used; and how many of them are from the whole map.
+        Return their number, poses and log-weights, and how many of them are from the whole map.
         """
         key_pick, key_which, key_random = jax.random.split(key, 3)
         cumulative = cumulative_weights(jnp.exp(log_weights))

@@ -82,11 +82,7 @@ class AbstractProposal(eqx.Module):
     ) -> ProposalResult:
         """Draw for all particles; the leaves of the result are `[N, ...]`.
 
-        Override this method in a proposal whose particles depend on each other.
-
-        Args:
-            keys: `[N]` PRNG keys.
-            poses: `[N, 3]` poses before the step.
-            context: as for `sample`, with the fields of all particles, leaves `[N, ...]`.
+        The context has the fields of all particles, leaves `[N, ...]`. Override this method in a proposal
+        whose particles depend on each other.
         """
         return context.for_each(self.sample, keys, poses)

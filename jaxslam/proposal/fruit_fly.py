@@ -1,5 +1,7 @@
 """The proposal of Liang et al.: a draw from the motion model, ICP, and a swarm of fruit flies."""
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -23,7 +25,7 @@ from jaxslam.xla.control_flow import run_if
 
 
 class _Aligned(eqx.Module):
-    """One particle before the swarm runs; `enough`, `lost`: enough valid beams, searched for."""
+    """One particle before the swarm runs; a `lost` one had lost the map and was searched for."""
 
     drawn: Candidate
     best: Candidate
@@ -118,11 +120,7 @@ class FruitFlyProposal(AbstractProposal):
             return AbstractProposal.sample_all(self, keys, poses, context)
         aligned = context.for_each(self._align, keys, poses)
         beams = scan_points(context.scan, self.fly_beams)
-
-        def fitness(positions: Float[Array, "N 3"]) -> Float[Array, "N"]:
-            each = jax.vmap(self._fitness, (0, None, 0, 0))
-            return each(context.field.fine, beams, aligned.prior, positions)
-
+        fitness = partial(jax.vmap(self._fitness, (0, None, 0, 0)), context.field.fine, beams, aligned.prior)
         # Crossover averages headings, so all of them must lie within ±π of each other.
         starts = aligned.best.pose
         first = starts[0, 2]
@@ -140,19 +138,8 @@ class FruitFlyProposal(AbstractProposal):
         prior: PosePrior,
         start: Float[Array, "3"],
     ) -> Float[Array, "3"]:
-        """Return the best pose `[3]` of a swarm around `start`, by its fitness; no worse than the start.
-
-        Args:
-            key: PRNG key.
-            field: the particle's map.
-            beams: the end points that a fly scores.
-            prior: p(x | x_prev, u).
-            start: `[3]` initial pose of the flies.
-        """
-
-        def fitness(pose: Float[Array, "3"]) -> Float[Array, ""]:
-            return self._fitness(field, beams, prior, pose)
-
+        """Return the best pose `[3]` of a swarm around `start`, by its fitness; no worse than the start."""
+        fitness = partial(self._fitness, field, beams, prior)
         return self.flies.maximize(fitness, key, start, *self._steps_and_bounds(start)).position
 
     def _align(self, key: PRNGKeyArray, pose: Float[Array, "3"], context: ProposalContext) -> _Aligned:

@@ -74,7 +74,7 @@ def finalize(
 
     Args:
         drawn: from the motion model.
-        chosen: the candidate chosen by the proposal.
+        chosen: by the proposal.
         enough: whether the scan has enough valid beams.
         searched: whether the particle had lost the map and was searched for.
         log_ratio: log p(x | x_prev, u) − log q(x) at `chosen`; 0 for a proposal without a density, whose
@@ -97,14 +97,9 @@ def align_heading(
     pose: Float[Array, "3"],
     drawn: Float[Array, "3"],
 ) -> Float[Array, "3"]:
-    """Turn a draw `[3]` to the heading where the scan fits best, near the heading of the odometry.
+    """Turn a draw `[3]` of the motion model to the heading where the scan fits best, near the odometry's.
 
-    Args:
-        search: headings to try.
-        context: map, odometry and motion model.
-        ends: the scan, base frame.
-        pose: `[3]` before the step.
-        drawn: `[3]` from the motion model.
+    The odometry starts at `pose` `[3]`; the end points are in the base frame.
     """
     predicted = se2.compose(pose, context.odometry.delta)
     sigma = jnp.sqrt(context.motion.covariance(context.odometry)[2, 2])

@@ -54,12 +54,7 @@ class RangeNetwork(eqx.Module):
         Neurons switch at points spread evenly over the interval, with steepnesses that make neighbors overlap
         (Nguyen and Widrow 1990): if all switch at one point, training ends early. In large networks they are
         less steep than in the source, because the network would otherwise start as a staircase.
-
-        Args:
-            key: PRNG key of the positions and steepnesses.
-            num_neurons: H ≥ 1.
-            shortest: shortest range of the readings, meters.
-            longest: longest range of the readings, meters, > `shortest`.
+        It has `num_neurons` ≥ 1 and is for readings from `shortest` to `longest`, meters.
         """
         if num_neurons < 1:
             raise ValueError(f"num_neurons is {num_neurons}: give 1 or more")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int
+from jaxtyping import Bool, Float64
 
 from jaxslam.io import read_log
 
@@ -107,21 +107,20 @@ def read_wall_log(path: Path, distance: float, *, bearing: float = 0.0) -> Readi
             f"{path}: no beam at a bearing of {bearing:g} rad: the nearest is {nearest.max():.3g} rad off"
         )
     ranges = np.take_along_axis(scans.ranges, beam, axis=1)[:, 0].astype(np.float64)
-    return _with_returns(str(path), np.full(len(ranges), distance), ranges)
+    return _with_returns(path, np.full(len(ranges), distance), ranges)
 
 
 def read_readings_csv(path: Path) -> Readings:
     """Read a table; see `read_readings`."""
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as stream:
         try:
-            rows = [
-                (number, row) for number, row in enumerate(csv.reader(stream), 1) if any(map(str.strip, row))
-            ]
+            numbered = enumerate(csv.reader(stream), 1)
+            rows = [(line, row) for line, row in numbered if any(map(str.strip, row))]
         except csv.Error as error:
             raise ValueError(f"{path}: not a CSV table: {error}") from None
     if not rows:
         raise ValueError(f"{path}: empty; give the columns {' and '.join(_COLUMNS)}")
-    header = [name.strip().lower() for name in rows[0][1]]
+    header = [name.strip().lower() for name in rows.pop(0)[1]]
     missing = [name for name in _COLUMNS if name not in header]
     if missing:
         raise ValueError(
@@ -131,13 +130,12 @@ def read_readings_csv(path: Path) -> Readings:
     twice = [name for name in _COLUMNS if header.count(name) > 1]
     if twice:
         raise ValueError(f"{path}: two columns {twice[0]} in its first line: remove one")
-    if not rows[1:]:
+    if not rows:
         raise ValueError(f"{path}: no readings below its first line")
     places = [header.index(name) for name in _COLUMNS]
-    true, measured = np.asarray([_row(path, line, row, places) for line, row in rows[1:]], np.float64).T
-    lines = np.asarray([line for line, _ in rows[1:]])
-    _check_distances(path, true, measured, lines)
-    return _with_returns(str(path), true, measured)
+    true, measured = np.asarray([_row(path, line, row, places) for line, row in rows]).T
+    _check_distances(path, true, measured, [line for line, _ in rows])
+    return _with_returns(path, true, measured)
 
 
 def _row(path: Path, line: int, row: list[str], places: list[int]) -> list[float]:
@@ -153,10 +151,7 @@ def _row(path: Path, line: int, row: list[str], places: list[int]) -> list[float
 
 
 def _check_distances(
-    path: Path,
-    true: Float64[np.ndarray, "M"],
-    measured: Float64[np.ndarray, "M"],
-    lines: Int[np.ndarray, "M"],
+    path: Path, true: Float64[np.ndarray, "M"], measured: Float64[np.ndarray, "M"], lines: list[int]
 ) -> None:
     """Raise `ValueError` for invalid distances and for exchanged columns."""
     read = measured[np.isfinite(measured) & (measured > 0)]
@@ -180,12 +175,12 @@ def _check_distances(
         )
 
 
-def _with_returns(name: str, true: Float64[np.ndarray, "M"], measured: Float64[np.ndarray, "M"]) -> Readings:
+def _with_returns(path: Path, true: Float64[np.ndarray, "M"], measured: Float64[np.ndarray, "M"]) -> Readings:
     returned = np.isfinite(measured) & (measured > 0)
     if not returned.any():
-        raise ValueError(f"{name}: none of its {len(measured)} readings is a distance")
+        raise ValueError(f"{path}: none of its {len(measured)} readings is a distance")
     if float(np.median(measured[returned])) > _LONGEST:
-        raise ValueError(f"{name}: readings of {np.median(measured[returned]):g} m: are these millimeters?")
+        raise ValueError(f"{path}: readings of {np.median(measured[returned]):g} m: are these millimeters?")
     return Readings(true[returned], measured[returned], int(np.count_nonzero(~returned)))
 
 

@@ -37,12 +37,9 @@ class Rows(eqx.Module):
     def from_readings(
         cls, measured: Float64[np.ndarray, "M"], true: Float64[np.ndarray, "M"], resolution: float = 1e-3
     ) -> "Rows":
-        """Group single readings into rows.
+        """Group one or more readings and their true distances, both `[M]`, meters, into rows.
 
-        Args:
-            measured: `[M]` readings, meters, M ≥ 1.
-            true: `[M]` true distances, meters.
-            resolution: readings equal after rounding to this form one row, meters; a lidar's own is 1 mm.
+        Readings that are equal after rounding to `resolution`, meters, form one row; a lidar's own is 1 mm.
         """
         cells, row = np.unique(np.round(measured / resolution).astype(np.int64), return_inverse=True)
         count = np.bincount(row, minlength=len(cells)).astype(float)
@@ -157,10 +154,6 @@ def _early_stopping(
 ) -> Fit:
     """Take steps until the validation error has not fallen for `patience` steps; keep the best."""
 
-    def errors(parameters: RangeNetwork) -> Float[Array, "2"]:
-        trained = eqx.combine(parameters, network)
-        return jnp.stack([mean_squared_error(trained, rows) for rows in (training, validation)])
-
     def going(carry: tuple) -> Array:
         _, _, _, best_step, done, _ = carry
         return (done < max_steps) & (done - best_step < patience)
@@ -168,7 +161,8 @@ def _early_stopping(
     def body(carry: tuple) -> tuple:
         parameters, state, best, best_step, done, history = carry
         parameters, state = step(parameters, state)
-        now = errors(parameters)
+        trained = eqx.combine(parameters, network)
+        now = jnp.stack([mean_squared_error(trained, rows) for rows in (training, validation)])
         history = history.at[done].set(now)
         lowest = jnp.where(best_step > 0, history[jnp.maximum(best_step - 1, 0), 1], jnp.inf)
         better = now[1] < lowest

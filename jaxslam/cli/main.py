@@ -18,7 +18,7 @@ COMMANDS = {
     "info": "Show what is in a log: counts, rates, beams, ranges, path, gaps.",
     "config": "Print the configuration as TOML with a comment for each setting, for use with `run --config`.",
     "fuse": "Fuse wheel odometry and IMU of a log with a Kalman filter, and write the trajectory.",
-    "train-range": "Train a network that corrects a lidar's ranges, on readings of a wall at known distances.",
+    "train-range": "Train a network to correct a lidar's ranges, on readings of a wall at known distances.",
     "study": "Tune settings over many runs, as a file describes; `study report STORAGE` prints the results.",
     "study-report": "Write tables, pictures and the best configuration of a study, finished or not.",
 }

@@ -8,29 +8,26 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
+from jaxslam.cli import options
+
 if TYPE_CHECKING:
     from jaxslam.study import Plan, Store, TrialResult
 
 
 @dataclass(frozen=True)
 class Study:
-    """Tune settings over many runs, as a file describes; `study report STORAGE` prints the results."""
+    """Flags of `jaxslam study`."""
 
     plan: Annotated[Path, Positional, arg(metavar="CONFIG.toml")]
     """Study file: logs, objectives and settings to tune; notebooks/06_study.ipynb shows one."""
-    trials: Annotated[
-        int | None, arg(metavar="N", help_behavior_hint="(default: from the file, otherwise 50)")
-    ] = None
+    trials: Annotated[int | None, options.optional("N", "from the file, otherwise 50")] = None
     """Total number of trials, including those already in the storage."""
-    storage: Annotated[str | None, arg(metavar="URL", help_behavior_hint="(default: runs/<name>.db)")] = None
+    storage: Annotated[str | None, options.optional("URL", "runs/<name>.db")] = None
     """A SQLite file, or the URL of a database. An interrupted study resumes from it."""
-    cluster: Annotated[str | None, arg(metavar="ADDRESS", help_behavior_hint="(default: this process)")] = (
-        None
-    )
+    cluster: Annotated[str | None, options.optional("ADDRESS", "this process")] = None
     """Run the trials on a Dask cluster: address of its scheduler (tcp://host:8786), or local:N for N local
     processes."""
-    out: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: runs/<name>-study)")] = None
-    """Folder for the report. It is created if needed; existing files in it are overwritten."""
+    out: Annotated[Path | None, options.optional("DIR", "runs/<name>-study", options.FOLDER)] = None
 
 
 def execute(command: Study, arguments: list[str]) -> None:

@@ -45,10 +45,6 @@ _INTERRUPTED = 130
 _OUTPUT_CLOSED = 141
 
 
-class UsageError(ValueError):
-    """An error in the command line; the message is one line."""
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the `jaxslam` command.
 
@@ -69,8 +65,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("\njaxslam: interrupted", file=sys.stderr)
         return _INTERRUPTED
-    except BrokenPipeError:
-        return _output_closed()
+    except BrokenPipeError:  # the reader has stopped early, as `head` does: this is not an error
+        # At exit, Python would flush the rest of the buffer and report the same error.
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _OUTPUT_CLOSED
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
         extra = next((name for name, modules in _EXTRAS.items() if missing in modules), None)
@@ -118,7 +117,7 @@ def parse(arguments: Sequence[str]) -> object:
     """Return the requested command, an instance of a class whose module defines `execute`.
 
     Raises:
-        UsageError: the arguments are wrong.
+        ValueError: the arguments are wrong; the message is one line.
         SystemExit: the help was requested and printed.
     """
     # Command modules import neither JAX nor matplotlib, so that the help appears at once.
@@ -129,7 +128,7 @@ def parse(arguments: Sequence[str]) -> object:
     name, *flags = arguments
     if name not in COMMANDS:
         nearest = difflib.get_close_matches(name, COMMANDS, 1, cutoff=0.0)[0]
-        raise UsageError(f"no command is called {name!r}: did you mean {nearest!r}? (see --help)")
+        raise ValueError(f"no command is called {name!r}: did you mean {nearest!r}? (see --help)")
     module = importlib.import_module(f"jaxslam.cli.{name.replace('-', '_')}")
     message = io.StringIO()
     try:
@@ -143,7 +142,7 @@ def parse(arguments: Sequence[str]) -> object:
     except SystemExit as stop:
         if not stop.code:
             raise
-        raise UsageError(_one_line(message.getvalue())) from None
+        raise ValueError(_one_line(message.getvalue())) from None
 
 
 def _one_value_per_set(arguments: Sequence[str]) -> list[str]:
@@ -178,18 +177,6 @@ def _one_line(box: str) -> str:
 def _give_a_number(match: re.Match[str]) -> str:
     wanted = "a whole number" if match["type"] in ("INT", "int()") else "a number"
     return f"{match['flag']} is {match['value']}: give {wanted}"
-
-
-def _output_closed() -> int:
-    """Handle a reader that stops early, as `head` does: this is not an error.
-
-    Returns:
-        The exit code of a process that is ended by SIGPIPE.
-    """
-    # At exit, Python would flush the rest of the buffer and report the same error.
-    with contextlib.suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return _OUTPUT_CLOSED
 
 
 def _report(message: str) -> int:

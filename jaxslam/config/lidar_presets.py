@@ -21,19 +21,16 @@ _MAX_COST = 2.0
 class LidarPreset:
     """Properties of a lidar: the ranges that the filter uses, and the format of its scans in a log.
 
+    `usable_range`, `min_range`, `max_range`, `turn_time` and `max_lag` are those of `LidarSettings`.
+
     Attributes:
         name: name for `--lidar NAME`.
-        usable_range: range beyond which a return only clears the space in front of it, meters.
-        min_range: shortest valid reading, meters; a shorter reading counts as no return.
-        max_range: upper limit of valid readings, meters; a reading at or above it counts as no return.
         log_max_ranges: maximum ranges that logs of this lidar report, meters.
         num_beams: possible numbers of beams per scan.
         field_of_view: field of view, radians.
         rate: scans per second.
-        turn_time: duration of one revolution, during which the beams are measured one by one, seconds.
         planar: whether the lidar itself produces planar scans. Scans cut from a point cloud have no typical
             format, so such a preset is never detected automatically.
-        max_lag: largest offset between the stamps of scans and odometry that is searched, seconds.
     """
 
     name: str

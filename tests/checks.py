@@ -4,6 +4,14 @@ import chex
 import jax
 
 
+def error_line(capsys) -> str:
+    """Return the error of a command, which is its last line on stderr; before it are only warnings."""
+    *warnings, error = capsys.readouterr().err.splitlines()
+    assert all(line.startswith("jaxslam: warning: ") for line in warnings)
+    assert error.startswith("jaxslam: error: ")
+    return error
+
+
 def jit_once(function):
     """Compile a function such that a second trace of it raises an `AssertionError`.
 

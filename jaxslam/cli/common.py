@@ -192,9 +192,8 @@ def print_run_summary(
             f"walls within {score['tolerance_m']:g} m; IoU of free space {score['free_iou']:.3f}"
         )
     lines["written"] = f"{folder} (map.png, map.yaml, trajectory.tum, metrics.json, …)"
+    lines["next"] = f"\n{'':10}".join(next_steps)
     print_table(lines)
-    for label, step in zip(["next", *[""] * 9], next_steps, strict=False):
-        print(f"{label:<10}{step}")
 
 
 def describe_ate(ate: Mapping[str, Any]) -> str:

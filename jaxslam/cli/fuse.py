@@ -92,14 +92,12 @@ def execute(command: Fuse, arguments: list[str]) -> None:
         f"{_axis_name(yaw.axis)} ({yaw.source}), bias {yaw.bias:.2e} rad/s",
     }
     if fixes is not None:
-        for name, track in (("fused", (fused.stamps, fused.poses)), ("wheels", odometry)):
+        for key, label, track in (("gps", "fused", fused), ("gps_odometry_alone", "wheels", odometry)):
             if track is None:
                 continue
-            poses = track if isinstance(track, tuple) else (track.stamps, track.poses)
-            error = absolute_trajectory_error(*fixes, *poses, max_difference=_GPS_WITHIN)
-            key = "gps" if name == "fused" else "gps_odometry_alone"
+            error = absolute_trajectory_error(*fixes, track.stamps, track.poses, max_difference=_GPS_WITHIN)
             metrics[key] = {"rmse_m": error.rmse_m, "max_m": error.max_m, "n": error.n}
-            lines[f"GPS, {name}"] = f"{error.rmse_m:.2f} m RMSE, max {error.max_m:.2f} m ({error.n} fixes)"
+            lines[f"GPS, {label}"] = f"{error.rmse_m:.2f} m RMSE, max {error.max_m:.2f} m ({error.n} fixes)"
     write_json(folder / "metrics.json", metrics)
     write_json(folder / "run.json", common.origin_of(arguments, log=command.log))
     lines["written"] = f"{folder} (trajectory.tum, sigma.png, metrics.json, run.json)"
@@ -147,13 +145,11 @@ def _axis_name(axis: "Float64[np.ndarray, '3']") -> str:
 def _save_sigmas(path: Path, fused: "FusedMotion") -> None:
     """Draw three standard deviations of position and heading over time."""
     import numpy as np
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     from jaxslam.viz import style
 
     figure = Figure(figsize=(8.0, 5.0), layout="constrained")
-    FigureCanvasAgg(figure)
     above, below = figure.subplots(2, sharex=True)
     time = fused.stamps - fused.stamps[0]
     above.plot(time, 3 * np.hypot(fused.sigmas[:, 0], fused.sigmas[:, 1]), color=style.ESTIMATE)

@@ -120,15 +120,15 @@ def parse(arguments: Sequence[str]) -> object:
         ValueError: the arguments are wrong; the message is one line.
         SystemExit: the help was requested and printed.
     """
-    # Command modules import neither JAX nor matplotlib, so that the help appears at once.
-    import tyro
-
     if list(arguments[:2]) == ["study", "report"]:
         arguments = ["study-report", *arguments[2:]]
     name, *flags = arguments
     if name not in COMMANDS:
         nearest = difflib.get_close_matches(name, COMMANDS, 1, cutoff=0.0)[0]
         raise ValueError(f"no command is called {name!r}: did you mean {nearest!r}? (see --help)")
+    # The modules of the commands import neither JAX nor matplotlib, so that their help appears at once.
+    import tyro
+
     module = importlib.import_module(f"jaxslam.cli.{name.replace('-', '_')}")
     message = io.StringIO()
     try:

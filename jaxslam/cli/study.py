@@ -51,7 +51,7 @@ def execute(command: Study, arguments: list[str]) -> None:
         if command.trials < 1:
             raise ValueError(f"--trials is {command.trials}: give 1 or more")
         plan = dataclasses.replace(plan, trials=command.trials)
-    storage = command.storage or str(Path("runs") / f"{plan.name}.db")
+    storage = command.storage or f"runs/{plan.name}.db"
     url = storage_url(storage)
     if "://" not in storage:
         _make_folder_of(Path(storage))
@@ -121,7 +121,7 @@ def _say(store: "Store", told: "TrialResult") -> None:
     from jaxslam.study.report import cell
 
     settings = " ".join(f"{name}={cell(value)}" for name, value in told.settings.items())
-    outcome = f"failed: {told.values}" if isinstance(told.values, str) else _numbers(told.values)
+    outcome = f"failed: {told.values}" if isinstance(told.values, str) else " ".join(map(cell, told.values))
     print(f"trial {told.number:<4}{outcome}   {settings}   ({told.seconds:.1f} s)", flush=True)
 
 
@@ -143,10 +143,6 @@ def _cells(outcome: list[float] | str, count: int) -> list[str]:
     if isinstance(outcome, str):
         return [f"failed: {outcome}", *[""] * (count - 1)]
     return [f"{value:.4g}" for value in outcome]
-
-
-def _numbers(values: tuple[float, ...]) -> str:
-    return " ".join(f"{value:.4g}" for value in values)
 
 
 def _listed(seeds: tuple[int, ...]) -> str:

@@ -11,7 +11,7 @@ from jaxslam.grid.known_map import KnownMap
 from jaxslam.io import read_tum, write_map, write_tum
 from jaxslam.sim import sick, simulate
 from jaxslam.viz.clouds import in_map_axes
-from tests.builders import hall_map, room
+from tests.builders import carmen_log, hall_map, room
 
 SMALL = ["--particles", "4096"]
 
@@ -24,14 +24,9 @@ def drive(tmp_path_factory):
     write_map(folder / "hall.yaml", occupancy.probability, 0.05, (-0.5, -0.5, 0.0))
     simulation = simulate(jax.random.key(3), world, waypoints, lidar=sick(num_beams=181), duration=30.0)
     odometry, times = np.asarray(simulation.odometry.poses, float), simulation.odometry_times
-    lines = []
-    readings = np.where(simulation.scans.valid, simulation.scans.ranges, 81.83)
-    for stamp, ranges in zip(simulation.scan_times, readings, strict=True):
-        pose = [float(np.interp(stamp, times, odometry[:, axis])) for axis in range(3)]
-        text = " ".join(f"{value:.3f}" for value in ranges)
-        numbers = " ".join(f"{value:.6f}" for value in [*pose, *pose])
-        lines.append(f"FLASER 181 {text} {numbers} {stamp:.6f} sim {stamp:.6f}")
-    (folder / "drive.log").write_text("\n".join(lines) + "\n")
+    poses = np.stack([np.interp(simulation.scan_times, times, column) for column in odometry.T], axis=1)
+    readings = np.where(simulation.scans.valid, simulation.scans.ranges, np.inf)
+    (folder / "drive.log").write_text(carmen_log(simulation.scan_times, readings, poses))
     write_tum(folder / "truth.tum", simulation.scan_times, np.asarray(simulation.scan_poses, float))
     return folder, np.asarray(simulation.scan_poses, float)
 

@@ -1,5 +1,7 @@
 """Checks that many tests share, on top of those of chex."""
 
+import json
+
 import chex
 import jax
 
@@ -10,6 +12,15 @@ def error_line(capsys) -> str:
     assert all(line.startswith("jaxslam: warning: ") for line in warnings)
     assert error.startswith("jaxslam: error: ")
     return error
+
+
+def strict_json(path):
+    """Return the content of a file that must be JSON by the standard: without NaN and infinities."""
+
+    def refuse(name):
+        raise AssertionError(f"{name} is not JSON")
+
+    return json.loads(path.read_text(), parse_constant=refuse)
 
 
 def jit_once(function):

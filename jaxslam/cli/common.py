@@ -101,13 +101,7 @@ def read_network(path: Path | None) -> "RangeNetwork | None":
 
 
 def origin_of(arguments: list[str], seed: int | None = None, **files: Path | None) -> dict[str, object]:
-    """Return the provenance of a result for `run.json`.
-
-    Args:
-        arguments: arguments of the command line.
-        seed: seed of the run; None leaves it out.
-        files: input files by name; None for a file that was not given.
-    """
+    """Return the provenance of a result for `run.json`: command, seed, versions, and hashes of its files."""
     from jaxslam.report import file_sha256, versions
 
     return {

@@ -2,7 +2,6 @@
 
 import dataclasses
 import shlex
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 from jaxslam.cli import common, options
 
 if TYPE_CHECKING:
-    from jaxslam.io import SensorLog
+    from jaxslam.core.trajectory import Trajectory
+    from jaxslam.io import Relations, SensorLog
     from jaxslam.pipeline.run import RunResult
 
 _FEW_RELATIONS = 0.9
@@ -51,6 +51,7 @@ def execute(command: Run, arguments: list[str]) -> None:
     """Map a log and write its run folder."""
     import jaxslam
     from jaxslam.config.resolve import resolve_config
+    from jaxslam.io import read_relations
     from jaxslam.report import default_folder, make_folder, write_run
 
     common.check_seed(command.seed)
@@ -81,7 +82,8 @@ def execute(command: Run, arguments: list[str]) -> None:
     if scans.yaw is not None:
         common.warn_if_assumed(scans.yaw)
     # Read and check all inputs before the filter runs for minutes.
-    measure = _measures(command, log)
+    relations = read_relations(command.relations) if command.relations is not None else None
+    reference = common.read_reference(command.reference, log)
     folder = command.out or default_folder(command.log, config.method, command.seed)
     make_folder(folder)
     result = common.map_log(slam, scans, command.seed, gif=folder / "map.gif" if command.gif else None)
@@ -89,7 +91,8 @@ def execute(command: Run, arguments: list[str]) -> None:
     fused, timing = scans.fused, scans.timing
     origin["fused"] = None if fused is None else {"readings": fused.readings, "refused": fused.refused}
     origin["scan_timing"] = None if timing is None else dataclasses.asdict(timing)
-    metrics = write_run(folder, result, origin=origin, accuracy=measure(result))
+    accuracy = _accuracy(result, log, relations, reference)
+    metrics = write_run(folder, result, origin=origin, accuracy=accuracy)
     chosen = "given" if command.lidar or command.config else "chosen by the scans of the log"
     assert config.lidar is not None  # `resolve_config` has set it
     log_name, map_name = shlex.quote(str(command.log)), shlex.quote(str(folder / "map.yaml"))
@@ -100,27 +103,22 @@ def execute(command: Run, arguments: list[str]) -> None:
     common.print_run_summary(folder, result, metrics, f"{config.lidar.name} ({chosen})", steps)
 
 
-def _measures(command: Run, log: "SensorLog") -> "Callable[[RunResult], dict[str, object]]":
-    """Read the reference files, and return a function from the result to its errors."""
-    from jaxslam.io import read_relations
+def _accuracy(
+    result: "RunResult", log: "SensorLog", relations: "Relations | None", reference: "Trajectory | None"
+) -> dict[str, object]:
+    """Return the errors of a run for `metrics.json`; empty without a ground truth."""
     from jaxslam.report import reference_error, relation_figures, trajectory_figures
 
-    relations = read_relations(command.relations) if command.relations is not None else None
-    reference = common.read_reference(command.reference, log)
-
-    def measure(result: "RunResult") -> dict[str, object]:
-        assert log.odometry is not None  # `prepare` has checked it
-        errors: dict[str, object] = {}
-        if relations is not None:
-            figures = relation_figures(result.all_stamps, result.all_poses, log.odometry, relations)
-            errors["relations"] = figures
-            total = len(relations.stamps_from)
-            if figures["n"] < _FEW_RELATIONS * total:
-                used = f"only {figures['n']:.0f} of the {total} relations lie within the log"
-                common.warn(f"{used}: do they belong to another log?")
-        if reference is not None:
-            error = reference_error(*reference, result.all_stamps, result.all_poses, log.odometry)
-            errors["ate"] = trajectory_figures(error)
-        return errors
-
-    return measure
+    assert log.odometry is not None  # `prepare` has checked it
+    errors: dict[str, object] = {}
+    if relations is not None:
+        figures = relation_figures(result.all_stamps, result.all_poses, log.odometry, relations)
+        errors["relations"] = figures
+        total = len(relations.stamps_from)
+        if figures["n"] < _FEW_RELATIONS * total:
+            used = f"only {figures['n']:.0f} of the {total} relations lie within the log"
+            common.warn(f"{used}: do they belong to another log?")
+    if reference is not None:
+        error = reference_error(*reference, result.all_stamps, result.all_poses, log.odometry)
+        errors["ate"] = trajectory_figures(error)
+    return errors

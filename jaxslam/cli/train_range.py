@@ -101,8 +101,7 @@ def execute(command: TrainRange, arguments: list[str]) -> None:
     print(f"chosen    {trained.network.num_neurons} neurons, in {seconds:.1f} s with compilation\n")
     print(error_table(rows))
     roles = {row.role: row for row in role_errors(rows)}
-    seen = roles.get("training")
-    if seen is not None:
+    if seen := roles.get("training"):
         print(
             f"\nMSE at training distances: {seen.corrected_rmse**2:.3g} m² (Jamaludin et al.: "
             f"{PAPERS_MSE:.3g}). Only held-out distances\nshow the error in between: a network can fit a "

@@ -20,18 +20,7 @@ from jaxslam.report import default_folder, file_sha256
 from jaxslam.report.folder import write_json
 from jaxslam.sim import hall_small, lds_01, simulate, to_log
 from tests.builders import carmen_log, forward_half
-from tests.checks import error_line
-
-METRICS = {
-    "scans_in",
-    "scans_processed",
-    "compile_s",
-    "run_s",
-    "ms_per_scan",
-    "peak_rss_mb",
-    "resamplings",
-    "ess_mean",
-}
+from tests.checks import error_line, strict_json
 
 
 @pytest.fixture(scope="session")
@@ -88,11 +77,11 @@ def test_run_folder_is_complete(run_folder):
 
 
 def test_metrics_have_exactly_their_keys(run_folder):
-    def refuse(name):
-        raise AssertionError(f"{name} is not JSON")
-
-    metrics = json.loads((run_folder / "metrics.json").read_text(), parse_constant=refuse)
-    assert set(metrics) == METRICS | {"relations", "ate"}
+    metrics = strict_json(run_folder / "metrics.json")
+    assert set(metrics) == {
+        *("scans_in", "scans_processed", "compile_s", "run_s", "ms_per_scan", "peak_rss_mb"),
+        *("resamplings", "ess_mean", "relations", "ate"),
+    }
     keys = {"n", "trans_mean_m", "trans_std_m", "trans_max_m", "rot_mean_deg", "rot_std_deg"}
     assert set(metrics["relations"]) == keys
     assert set(metrics["ate"]) == {"rmse_m", "max_m", "rot_rmse_deg", "n"}
@@ -216,19 +205,8 @@ def test_unknown_topic_names_the_nearest(capsys, data_dir):
 
 
 def test_robot_off_the_map_names_the_flag(log_file, capsys, tmp_path):
-    arguments = [
-        "run",
-        str(log_file),
-        "--out",
-        str(tmp_path),
-        *SMALL[:3],
-        "map.margin_share=0",
-        "--map-margin",
-        "0",
-        "--method",
-        "rbpf",
-    ]
-    assert main([*arguments, "--particles", "3"]) == 2
+    given = ["run", str(log_file), "--out", str(tmp_path), *SMALL[:3], "map.margin_share=0"]
+    assert main([*given, "--map-margin", "0", "--method", "rbpf", "--particles", "3"]) == 2
     assert "--map-margin" in error_line(capsys)
 
 

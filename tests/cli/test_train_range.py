@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-import json
 import pickle
 
 import equinox as eqx
@@ -26,7 +25,7 @@ from jaxslam.sim import (
     to_log,
 )
 from tests.builders import carmen_log, forward_half, hall_map
-from tests.checks import error_line
+from tests.checks import error_line, strict_json
 
 # As far off as its data sheet allows somewhere: 12 cm at 2.5 m.
 BIAS = draw_lds_01_bias(jax.random.key(0), share=1.0)
@@ -77,13 +76,6 @@ def table_of(path, distances, offset=0.02):
     rows = [f"{d},{d + offset + 0.001 * i}" for d in distances for i in (-1, 0, 1)]
     path.write_text("true_m,measured_m\n" + "\n".join(rows) + "\n")
     return str(path)
-
-
-def strict_json(path):
-    def refuse(name):
-        raise AssertionError(f"{name} is not JSON")
-
-    return json.loads(path.read_text(), parse_constant=refuse)
 
 
 def test_what_is_written(trained):

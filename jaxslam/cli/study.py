@@ -32,27 +32,18 @@ class Study:
 
 def execute(command: Study, arguments: list[str]) -> None:
     """Run the remaining trials and report."""
+    from jaxslam import study
     from jaxslam.report import make_folder
-    from jaxslam.study import (
-        keep_programs,
-        open_study,
-        read_plan,
-        run_trials,
-        storage_url,
-        with_few_programs,
-        with_lidars,
-        write_report,
-    )
     from jaxslam.study.report import SHOWN, counts, importance_table, trial_table
     from jaxslam.study.storage import connect, redact_url, storage_errors
 
-    plan = read_plan(command.plan)
+    plan = study.read_plan(command.plan)
     if command.trials is not None:
         if command.trials < 1:
             raise ValueError(f"--trials is {command.trials}: give 1 or more")
         plan = dataclasses.replace(plan, trials=command.trials)
     storage = command.storage or f"runs/{plan.name}.db"
-    url = storage_url(storage)
+    url = study.storage_url(storage)
     if "://" not in storage:
         _make_folder_of(Path(storage))
     # Check the storage before the logs are read.
@@ -65,18 +56,18 @@ def execute(command: Study, arguments: list[str]) -> None:
     folder = command.out or Path("runs") / f"{plan.name}-study"
     make_folder(folder)
     programs = (folder / "programs").resolve()
-    keep_programs(programs)
+    study.keep_programs(programs)
     if command.cluster is None:
         _spread_runs(plan)
-    plan = with_few_programs(with_lidars(plan))
+    plan = study.with_few_programs(study.with_lidars(plan))
     with storage_errors(url):
-        before = len(open_study(plan, url).finished())
+        before = len(study.open_study(plan, url).finished())
         _describe(plan, redact_url(url), before)
         if command.cluster is None:
-            store = run_trials(plan, url, _say)
+            store = study.run_trials(plan, url, _say)
         else:
             store = run_on_cluster(plan, url, command.cluster, programs, _say)
-        summary = write_report(folder, store, plan.described())
+        summary = study.write_report(folder, store, plan.described())
     print(f"\n{counts(summary)}\n\n{trial_table(summary, SHOWN)}\n\n{importance_table(summary)}\n")
     table = _held_out(plan, summary.best.params)
     print(table)

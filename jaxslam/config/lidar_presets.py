@@ -25,8 +25,8 @@ class LidarPreset:
 
     Attributes:
         name: name for `--lidar NAME`.
-        num_beams: possible numbers of beams per scan. A preset without them is never detected automatically.
         log_max_ranges: maximum ranges that logs of this lidar report, meters.
+        num_beams: possible numbers of beams per scan. A preset without them is never detected automatically.
         field_of_view: field of view, radians.
         rate: scans per second.
     """

@@ -205,14 +205,10 @@ _DEFAULTS: dict[str, Any] = {
 
 def _base(study: Mapping[str, Any], settings: dict[str, Any], folder: Path) -> dict[str, Scalar]:
     """Collect the differences from the defaults: the method, a file, the table [filter], in this order."""
-    base: dict[str, Scalar] = {}
-    if "method" in study:
-        base["method"] = study["method"]
+    base: dict[str, Any] = {"method": study["method"]} if "method" in study else {}
     if "config" in study:
-        file = _existing(study["config"], folder, "study.config")
-        base |= toml.read_settings(file)  # type: ignore[arg-type]
-    base |= toml.named(settings)  # type: ignore[arg-type]
-    return base
+        base |= toml.read_settings(_existing(study["config"], folder, "study.config"))
+    return base | toml.named(settings)
 
 
 def _sources(tables: Any, name: str, folder: Path) -> tuple[Source, ...]:

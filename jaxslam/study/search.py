@@ -13,7 +13,7 @@ from jax.experimental.compilation_cache import compilation_cache
 from jaxslam.config.dotted import Scalar
 from jaxslam.study.interrupts import Interrupts
 from jaxslam.study.measure import TrialError, check_source, load, measure, program_of
-from jaxslam.study.objectives import Figures, values
+from jaxslam.study.objectives import OBJECTIVES, Figures
 from jaxslam.study.plan import Plan, Source
 from jaxslam.study.space import Parameter
 from jaxslam.study.storage import Store, failure, open_study
@@ -124,7 +124,7 @@ def evaluate(
     plan: Plan, sources: Sequence[Source], seeds: Sequence[int], settings: Sequence[dict[str, Scalar]]
 ) -> list[list[float] | str]:
     """Return the objectives of every configuration, averaged over sources, or the reason for a failure."""
-    figures: list[list[Figures]] = [[] for _ in settings]
+    measured: list[list[Figures]] = [[] for _ in settings]
     failures: dict[int, str] = {}
     for source in sources:
         # Settings that failed on one source are not run on the others.
@@ -133,13 +133,14 @@ def evaluate(
             if isinstance(found, TrialError):
                 failures[index] = f"{source.name}: {found}"
             else:
-                figures[index].append(found)
+                measured[index].append(found)
     outcomes: list[list[float] | str] = []
-    for index, by_source in enumerate(figures):
+    objectives = [OBJECTIVES[name] for name in plan.objectives]
+    for index, by_source in enumerate(measured):
         if index in failures:
             outcomes.append(failures[index])
             continue
-        numbers = values(plan.objectives, by_source)
+        numbers = [float(np.mean([each.of(figures) for figures in by_source])) for each in objectives]
         finite = np.isfinite(numbers).all()
         outcomes.append(numbers if finite else f"{' and '.join(plan.objectives)} of {numbers} are not finite")
     return outcomes

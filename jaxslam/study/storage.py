@@ -266,11 +266,7 @@ class _ByNumber(BaseSampler):
         return self._of(trial).sample_relative(study, trial, search_space)
 
     def sample_independent(
-        self,
-        study: optuna.Study,
-        trial: FrozenTrial,
-        param_name: str,
-        param_distribution: BaseDistribution,
+        self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution
     ) -> Any:
         return self._of(trial).sample_independent(study, trial, param_name, param_distribution)
 

@@ -118,16 +118,6 @@ def test_the_best_by_tpe_is_better_than_by_chance(tmp_path, cheap):
     assert found["tpe"] < 0.5 * found["random"]
 
 
-def test_draws_after_a_resumption_are_others(plan, tmp_path, cheap):
-    drawn = [
-        each.settings["sensor.sigma_hit"] for each in go(dataclasses.replace(plan, trials=3), tmp_path)[0]
-    ]
-    for trials in (6, 9):
-        told, _ = go(dataclasses.replace(plan, trials=trials), tmp_path)
-        drawn += [each.settings["sensor.sigma_hit"] for each in told]
-    assert len(set(drawn)) == 9
-
-
 def test_settings_of_some_methods_only(tmp_path, cheap):
     space = '[space]\nmethod = ["rbpf", "gmapping"]\n"proposal.lost_below" = { low = 0.1, high = 0.9 }'
     told, _ = go(plan_of(tmp_path, STUDY, LOGS, space, trials=12), tmp_path)

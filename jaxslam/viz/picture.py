@@ -39,8 +39,6 @@ def save_map_picture(
     particles: Poses | None = None,
     weights: Float[np.ndarray | Array, "_"] | None = None,
     truth: MapLayer | None = None,
-    title: str = "estimate",
-    dpi: int = 200,
 ) -> None:
     """Write the picture of a map, in the format of the path's suffix (png, pdf, svg, …).
 
@@ -54,8 +52,6 @@ def save_map_picture(
         weights: `[N]` particle weights, or None for equal weights.
         truth: true map and path in the same frame. They are drawn in a second panel of the same extent, and
             the path also over the estimate.
-        title: title of the left panel.
-        dpi: pixels per inch. A panel is about 5 inches wide.
 
     Raises:
         ValueError: an array cannot be drawn, or the format is unknown.
@@ -65,16 +61,18 @@ def save_map_picture(
     layers = [estimate] if truth is None else [estimate, truth]
     figure = Figure(layout="constrained")
     panels = list(figure.subplots(1, len(layers), squeeze=False, sharex=True, sharey=True)[0])
-    for panel, layer, name in zip(panels, layers, (title, "truth"), strict=False):
+    for panel, layer, name in zip(panels, layers, ("estimate", "truth"), strict=False):
         plot_map(layer.occupancy, layer.resolution, layer.origin, panel)
         panel.set_title(name, fontsize="medium")
     _fit_to_maps(figure, panels)
     if poses is not None:
-        _draw_path(panels[0], poses, "estimated path", style.ESTIMATE, "-")
+        plot_trajectory(poses, panels[0], label="estimated path", legend=False)
     if truth is not None and truth.poses is not None:
         # Dashes over the solid line keep both visible where they coincide.
         for panel in panels:
-            _draw_path(panel, truth.poses, "true path", style.REFERENCE, "--")
+            plot_trajectory(
+                truth.poses, panel, label="true path", color=style.REFERENCE, linestyle="--", legend=False
+            )
     if particles is not None:
         plot_particles(particles, weights, panels[0])
     for panel in panels[1:]:
@@ -89,11 +87,7 @@ def save_map_picture(
             frameon=False,
             fontsize="small",
         )
-    figure.savefig(path, dpi=dpi)
-
-
-def _draw_path(ax: Axes, poses: Poses, label: str, color: str, linestyle: str) -> None:
-    plot_trajectory(poses, ax, label=label, color=color, linestyle=linestyle, legend=False)
+    figure.savefig(path, dpi=200)
 
 
 def _fit_to_maps(figure: Figure, panels: list[Axes]) -> None:

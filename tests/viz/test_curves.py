@@ -8,14 +8,6 @@ from matplotlib.legend import Legend
 from jaxslam.viz import plot_errors, plot_ess
 from jaxslam.viz.style import add_legend
 
-
-@pytest.fixture
-def ax() -> Axes:
-    figure = Figure(figsize=(4, 3), dpi=50)
-    FigureCanvasAgg(figure)
-    return figure.subplots()
-
-
 TIMES = np.array([0.0, 1.0, 2.0])
 
 

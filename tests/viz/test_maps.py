@@ -5,18 +5,9 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from jaxslam.core.types import LidarScan
 from jaxslam.viz import plot_map, plot_particles, plot_scan, plot_trajectory, plot_walls
-
-
-@pytest.fixture
-def ax() -> Axes:
-    figure = Figure(figsize=(4, 4), dpi=50)
-    FigureCanvasAgg(figure)
-    return figure.subplots()
 
 
 def rendered(ax: Axes, dpi: float = 50) -> np.ndarray:

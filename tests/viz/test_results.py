@@ -47,10 +47,7 @@ def result() -> RunResult:
     )
 
 
-def test_map_path_and_particles_lie_on_each_other(result):
-    figure = Figure(figsize=(4, 3), dpi=50)
-    FigureCanvasAgg(figure)
-    ax = figure.subplots()
+def test_map_path_and_particles_lie_on_each_other(result, ax):
     assert plot_run(result, ax) is ax
     # Known rows 4 to 6 of 10 cm and half a meter round them, as far as the map goes.
     assert ax.images[0].get_extent() == pytest.approx((0.0, 4.0, 0.0, 1.0))
@@ -62,7 +59,7 @@ def test_map_path_and_particles_lie_on_each_other(result):
     assert len(ticks.get_segments()) == 2
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert labels == ["estimate", "start", "end", "particles"]
-    figure.canvas.draw()
+    ax.figure.canvas.draw()
 
 
 def test_a_result_draws_itself_with_the_truth(result):

@@ -125,6 +125,7 @@ def build_localizer(
 
 
 def _check_memory(items: str, count: float, needed: float, remedy: str) -> None:
+    """Raise `ValueError` if there are too many items, or if they need more bytes than are available."""
     available = physical_memory()
     if count > _MAX_COUNT or needed > available:
         raise ValueError(

@@ -30,6 +30,7 @@ def map_levels(occupancy: Shaped[np.ndarray | Array, "*shape"]) -> UInt8[np.ndar
     if cells.dtype == np.uint8:
         return cells
     if cells.dtype == np.int8:
+        # Look the values up by their bits: a map has many cells, but only 256 values.
         every = np.arange(256, dtype=np.uint8).view(np.int8)
         table = map_levels(occupancy_probability(every[None]))[0]
         return table[cells.view(np.uint8)]

@@ -101,6 +101,25 @@ def hall_map(resolution=0.05):
     return OccupancyMap(occupied, free, resolution, np.array([-0.5, -0.5, 0.0])), world, waypoints
 
 
+def carmen_log(stamps, ranges, poses, *, mounting=0.0):
+    """Return the text of a CARMEN log: ranges `[S, B]`, where not finite is no return, and odometry `[S, 3]`.
+
+    The lidar is mounted `mounting` meters ahead of the base.
+    """
+    lines = [f"PARAM robot_frontlaser_offset {mounting}"]
+    for stamp, readings, (x, y, theta) in zip(stamps, ranges, poses, strict=True):
+        beams = " ".join(f"{reading:.3f}" for reading in np.where(np.isfinite(readings), readings, 81.83))
+        lidar = f"{x + mounting * np.cos(theta):.6f} {y + mounting * np.sin(theta):.6f} {theta:.6f}"
+        base = f"{x:.6f} {y:.6f} {theta:.6f}"
+        lines.append(f"FLASER {len(readings)} {beams} {lidar} {base} {stamp:.6f} host {stamp:.6f}")
+    return "\n".join(lines) + "\n"
+
+
+def forward_half(ranges):
+    """Return the 181 beams of the forward half circle of full turns `[S, 360]`."""
+    return np.concatenate([ranges[:, 270:], ranges[:, :91]], axis=1)
+
+
 def room(*, origin=(0.0, 0.0, 0.0)):
     """Return a map of 4 × 3 m in cells of 0.5 m: a wall of one cell all round, and one at the top right."""
     occupied = np.ones((6, 8), bool)

@@ -1,7 +1,26 @@
 """Checks that many tests share, on top of those of chex."""
 
+import json
+
 import chex
 import jax
+
+
+def error_line(capsys) -> str:
+    """Return the error of a command, which is its last line on stderr; before it are only warnings."""
+    *warnings, error = capsys.readouterr().err.splitlines()
+    assert all(line.startswith("jaxslam: warning: ") for line in warnings)
+    assert error.startswith("jaxslam: error: ")
+    return error
+
+
+def strict_json(path):
+    """Return the content of a file that must be JSON by the standard: without NaN and infinities."""
+
+    def refuse(name):
+        raise AssertionError(f"{name} is not JSON")
+
+    return json.loads(path.read_text(), parse_constant=refuse)
 
 
 def jit_once(function):

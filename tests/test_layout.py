@@ -73,14 +73,26 @@ def test_importing_loads_the_core_only():
     assert loaded_by("import jaxslam; jaxslam.RBPF", *heavy) == ["jax", "equinox", "numpy"]
 
 
-@pytest.mark.parametrize("arguments", [("--help",), ("run", "--help"), ("info", "drive.clf")], ids=" ".join)
+@pytest.mark.parametrize(
+    "arguments", [("--help",), ("run", "--help"), ("info", "drive.clf"), ("fetch",)], ids=" ".join
+)
 def test_what_computes_nothing_does_not_import_jax(arguments, tmp_path):
     log = tmp_path / "drive.clf"
     places = [f"{x} 0 0" for x in (0.0, 0.1)]
     log.write_text("".join(f"FLASER 3 1 2 1 {at} {at} {i}.0 h {i}.0\n" for i, at in enumerate(places)))
     arguments = [str(log) if argument == log.name else argument for argument in arguments]
     code = f"from jaxslam.cli.main import main\nassert main({arguments}) == 0"
-    assert loaded_by(code, "jax", "equinox", "matplotlib", "scipy", "optuna") == []
+    heavy = ("jax", "equinox", "matplotlib", "scipy", "optuna", "rosbags", "tqdm")
+    assert loaded_by(code, *heavy) == []
+
+
+def test_the_list_of_commands_needs_no_parser():
+    code = "from jaxslam.cli.main import main\nassert main(['--help']) == 0"
+    assert loaded_by(code, "tyro", "numpy", "dataclasses") == []
+
+
+def test_a_download_needs_no_jax():
+    assert loaded_by("import jaxslam.io.download", "jax", "equinox") == []
 
 
 def test_every_public_name_is_there():

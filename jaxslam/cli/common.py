@@ -1,15 +1,13 @@
-"""Share flags, input checks, warnings and summaries between the commands.
+"""Input checks, warnings and summaries that several commands share.
 
 A command module is imported for `--help`, so it imports the rest of jaxslam where it runs, not at its top.
 """
 
 import shlex
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jaxslam.core.trajectory import Trajectory
@@ -21,28 +19,6 @@ if TYPE_CHECKING:
     from jaxslam.range_network import RangeNetwork
     from jaxslam.slam.rbpf import RBPF
 
-
-_NONE = "(default: none)"
-_FROM_CONFIG = "(default: from the configuration, see `jaxslam config`)"
-
-LogPath = Annotated[Path, Positional, arg(metavar="LOG")]
-"""The log file, or the folder of a ROS 2 bag."""
-Particles = Annotated[int | None, arg(metavar="N", help_behavior_hint=_FROM_CONFIG)]
-# Names are checked by the configuration, whose errors suggest the nearest name.
-Method = Annotated[
-    str | None, arg(metavar="rbpf|gmapping|fruit-fly|gaussian", help_behavior_hint="(default: gmapping)")
-]
-Lidar = Annotated[
-    str | None, arg(metavar="NAME", help_behavior_hint="(default: chosen by the scans of the log)")
-]
-Assignments = Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=VALUE", help_behavior_hint=_NONE)]
-File = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint=_NONE)]
-Topic = Annotated[str | None, arg(metavar="TOPIC", help_behavior_hint="(default: auto-detected)")]
-YawAxis = Annotated[
-    str | None, arg(metavar="x|y|z|-x|-y|-z", help_behavior_hint="(default: from the log, or from gravity)")
-]
-Switch = FlagCreatePairsOff[bool]
-
 _MAX_SEED = 2**32 - 1
 
 
@@ -52,10 +28,10 @@ def check_seed(seed: int) -> None:
         raise ValueError(f"--seed is {seed}: give 0 to {_MAX_SEED}")
 
 
-def warn(lines: Iterable[str]) -> None:
+def warn(*warnings: str) -> None:
     """Print warnings to stderr, one line each."""
-    for line in lines:
-        print(f"jaxslam: warning: {' '.join(line.split())}", file=sys.stderr)
+    for text in warnings:
+        print(f"jaxslam: warning: {' '.join(text.split())}", file=sys.stderr)
 
 
 def print_table(lines: Mapping[str, str], width: int = 10) -> None:
@@ -67,7 +43,7 @@ def print_table(lines: Mapping[str, str], width: int = 10) -> None:
 def warn_if_assumed(yaw: "YawTrack") -> None:
     """Warn if neither the log nor gravity shows how the IMU is mounted."""
     if yaw.source == "assumed":
-        warn(["neither the log nor gravity shows how the IMU is mounted: its z axis is assumed to point up"])
+        warn("neither the log nor gravity shows how the IMU is mounted: its z axis is assumed to point up")
 
 
 def read_log(
@@ -77,21 +53,22 @@ def read_log(
     import jaxslam
 
     log = jaxslam.read_log(path, scan_topic=scan_topic, odometry_topic=odom_topic, imu_topic=imu_topic)
-    warn(log.warnings)
+    warn(*log.warnings)
     is_reported = any("mounting" in line or "mounted" in line for line in log.warnings)
     if log.scans is not None and not log.scans.mounting_known and not is_reported:
         x, y, theta = log.scans.pose_base_lidar
-        warn([f"the log does not say how the lidar is mounted: assuming x {x:g} m, y {y:g} m, {theta:g} rad"])
+        warn(f"the log does not say how the lidar is mounted: assuming x {x:g} m, y {y:g} m, {theta:g} rad")
     return log
 
 
-def read_reference(path: Path, log: "SensorLog") -> "Trajectory":
-    """Read the reference trajectory of a log.
+def read_reference(path: Path | None, log: "SensorLog") -> "Trajectory | None":
+    """Read the trajectory given by `--reference`; return None without the flag.
 
     Raises:
-        ValueError: its stamps run backwards, or fewer than two of its poses lie within the log. The check
-            runs before the filter does.
+        ValueError: its stamps run backwards, or fewer than two of its poses lie within the log.
     """
+    if path is None:
+        return None
     import numpy as np
 
     from jaxslam.io import read_tum
@@ -124,13 +101,7 @@ def read_network(path: Path | None) -> "RangeNetwork | None":
 
 
 def origin_of(arguments: list[str], seed: int | None = None, **files: Path | None) -> dict[str, object]:
-    """Return the provenance of a result for `run.json`.
-
-    Args:
-        arguments: arguments of the command line.
-        seed: seed of the run; None leaves it out.
-        files: input files by name; None for a file that was not given.
-    """
+    """Return the provenance of a result for `run.json`: command, seed, versions, and hashes of its files."""
     from jaxslam.report import file_sha256, versions
 
     return {
@@ -156,52 +127,33 @@ def describe_timing(timing: "SweepTiming | None") -> str:
 
 
 def map_log(slam: "RBPF", scans: "PreparedScans", seed: int, *, gif: Path | None) -> "RunResult":
-    """Run a filter, with a progress bar on a terminal, and print its warnings.
-
-    Args:
-        slam: the filter.
-        scans: the scans that it processes.
-        seed: seed of the PRNG key.
-        gif: where to write an animation of the map, or None.
-    """
+    """Run a filter with a progress bar on a terminal, write an animation to `gif`, and print warnings."""
     import jax
 
     import jaxslam
 
-    on_chunk, frames = _frames() if gif is not None else (None, [])
+    snapshots: list[Snapshot] = []
     result = jaxslam.run_log(
-        slam, scans, jax.random.key(seed), progress=sys.stderr.isatty(), on_chunk=on_chunk
+        slam,
+        scans,
+        jax.random.key(seed),
+        progress=sys.stderr.isatty(),
+        on_chunk=snapshots.append if gif else None,
     )
     if gif is not None:
+        frames = [
+            jaxslam.viz.MapFrame(at.log_odds, at.trajectory, at.particles, f"{len(at.trajectory)} scans")
+            for at in snapshots
+        ]
         jaxslam.viz.animate_map(gif, frames, result.grid.resolution, result.grid.origin)
-    warn(result.warnings)
+    warn(*result.warnings)
     return result
-
-
-def _frames() -> "tuple[Callable[[Snapshot], None], list[Any]]":
-    from jaxslam.viz import MapFrame
-
-    frames: list[Any] = []
-
-    def keep(snapshot: "Snapshot") -> None:
-        caption = f"{len(snapshot.trajectory)} scans"
-        frames.append(MapFrame(snapshot.log_odds, snapshot.trajectory, snapshot.particles, caption))
-
-    return keep, frames
 
 
 def print_run_summary(
     folder: Path, result: "RunResult", metrics: Mapping[str, Any], lidar: str, next_steps: Iterable[str]
 ) -> None:
-    """Print the summary of a run.
-
-    Args:
-        folder: run folder.
-        result: result of `run_log`.
-        metrics: content of `metrics.json`.
-        lidar: name of the lidar and its source.
-        next_steps: commands to suggest.
-    """
+    """Print the summary of a run: its `metrics.json`, its lidar and the commands to suggest."""
     scans, config = result.scans, result.scans.config
     assert config is not None
     assert config.lidar is not None
@@ -234,9 +186,8 @@ def print_run_summary(
             f"walls within {score['tolerance_m']:g} m; IoU of free space {score['free_iou']:.3f}"
         )
     lines["written"] = f"{folder} (map.png, map.yaml, trajectory.tum, metrics.json, …)"
+    lines["next"] = f"\n{'':10}".join(next_steps)
     print_table(lines)
-    for label, step in zip(["next", *[""] * 9], next_steps, strict=False):
-        print(f"{label:<10}{step}")
 
 
 def describe_ate(ate: Mapping[str, Any]) -> str:

@@ -3,24 +3,20 @@
 from dataclasses import dataclass
 from typing import Any
 
-from jaxslam.cli.common import Assignments, File, Lidar, Method, Particles, Switch
+from jaxslam.cli import options
 
 
 @dataclass(frozen=True)
 class Config:
-    """Print the configuration as TOML with a comment for each setting, for use with `run --config`."""
+    """Flags of `jaxslam config`."""
 
-    lidar: Lidar = None
-    """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01, lds-02 or vlp-16."""
-    method: Method = None
-    """rbpf, gmapping, fruit-fly or gaussian, as for `jaxslam run`."""
-    particles: Particles = None
-    """Number of particles; each has its own map."""
-    config: File = None
+    lidar: options.Lidar = None
+    method: options.Method = None
+    particles: options.Particles = None
+    config: options.File = None
     """Configuration in TOML to start from."""
-    set: Assignments = ()
-    """Settings by name, for example sensor.sigma_hit=0.1; repeatable. They override all other sources."""
-    localization: Switch = False
+    set: options.Settings = ()
+    localization: options.Switch = False
     """Print the settings of `localize` instead of those of `run`."""
 
 

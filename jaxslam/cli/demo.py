@@ -6,17 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
-from jaxslam.cli.common import (
-    Assignments,
-    File,
-    Method,
-    Switch,
-    check_seed,
-    map_log,
-    origin_of,
-    print_run_summary,
-    read_network,
-)
+from jaxslam.cli import common, options
 
 if TYPE_CHECKING:
     from jaxslam.pipeline.run import RunResult
@@ -29,10 +19,9 @@ _TOLERANCE = 0.1
 
 @dataclass(frozen=True)
 class Demo:
-    """Map a simulated hall and compare the result with the ground truth; needs no data."""
+    """Flags of `jaxslam demo`."""
 
-    out: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: runs/demo-s<seed>)")] = None
-    """Output folder. It is created if needed; existing files in it are overwritten."""
+    out: Annotated[Path | None, options.optional("DIR", "runs/demo-s<seed>", options.FOLDER)] = None
     world: Annotated[str, arg(metavar="NAME")] = "hall_small"
     """World: hall_small (18 × 15 m), hall_large (24 × 23 m), roadway (71 × 26 m, of a coal mine) or
     corridor_loop (43 × 16 m)."""
@@ -41,16 +30,12 @@ class Demo:
     corridor."""
     seed: int = 0
     """Random seed of the simulation and of the filter, 0 to 4294967295."""
-    method: Method = None
-    """rbpf, gmapping, fruit-fly or gaussian, as for `jaxslam run`."""
+    method: options.Method = None
     particles: Annotated[int, arg(metavar="N")] = 15
     """Number of particles; each has its own map."""
-    set: Assignments = ()
-    """Settings by name, for example sensor.sigma_hit=0.1; repeatable. They override all other sources."""
-    range_network: File = None
-    """Correct all ranges with this network, written by `jaxslam train-range`."""
-    gif: Switch = False
-    """Also write map.gif, an animation of the growing map."""
+    set: options.Settings = ()
+    range_network: options.RangeNetwork = None
+    gif: options.MapAnimation = False
 
 
 def execute(command: Demo, arguments: list[str]) -> None:
@@ -61,8 +46,8 @@ def execute(command: Demo, arguments: list[str]) -> None:
     from jaxslam.config.resolve import resolve_config
     from jaxslam.report import make_folder, reference_error, trajectory_figures, write_run
 
-    check_seed(command.seed)
-    network = read_network(command.range_network)
+    common.check_seed(command.seed)
+    network = common.read_network(command.range_network)
     config = resolve_config(
         jaxslam.SlamConfig(),
         lidar="sick",
@@ -76,11 +61,11 @@ def execute(command: Demo, arguments: list[str]) -> None:
     log, truth = jaxslam.sim.drive(command.world, key=key, duration=command.duration)
     make_folder(folder)
     slam, scans = jaxslam.prepare(log, config, range_network=network)
-    result = map_log(slam, scans, command.seed, gif=folder / "map.gif" if command.gif else None)
+    result = common.map_log(slam, scans, command.seed, gif=folder / "map.gif" if command.gif else None)
     assert log.odometry is not None  # every simulated log has wheel odometry
     error = reference_error(truth.stamps, truth.poses, result.all_stamps, result.all_poses, log.odometry)
     layer, figures = _compare(truth, result)
-    origin = origin_of(arguments, command.seed, range_network=command.range_network)
+    origin = common.origin_of(arguments, command.seed, range_network=command.range_network)
     origin["log"] = {"path": f"simulation of {command.world}, {command.duration:g} s", "sha256": None}
     metrics = write_run(
         folder,
@@ -90,7 +75,7 @@ def execute(command: Demo, arguments: list[str]) -> None:
         truth=layer,
     )
     steps = ["jaxslam demo --method fruit-fly --gif", "jaxslam run LOG   (a log or bag of your own)"]
-    print_run_summary(folder, result, metrics, "sick (simulated)", steps)
+    common.print_run_summary(folder, result, metrics, "sick (simulated)", steps)
 
 
 def _compare(truth: "Truth", result: "RunResult") -> "tuple[MapLayer, dict[str, float | None]]":

@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
+
+from jaxslam.cli import options
 
 if TYPE_CHECKING:
     from jaxslam.io.public_logs import PublicLog
@@ -19,16 +21,11 @@ _OPTIONS = {".relations": "--relations", ".reference.tum": "--reference", ".yaml
 
 @dataclass(frozen=True)
 class Fetch:
-    """Download a public log, verify and convert it. Without NAME, list the public logs."""
+    """Flags of `jaxslam fetch`."""
 
-    name: Annotated[
-        str | None, Positional, arg(metavar="NAME", help_behavior_hint="(default: list the logs)")
-    ] = None
+    name: Annotated[str | None, Positional, options.optional("NAME", "list the logs")] = None
     """Log to download."""
-    to: Annotated[
-        Path | None,
-        arg(metavar="DIR", help_behavior_hint="(default: $JAXSLAM_CACHE, else the system's cache)"),
-    ] = None
+    to: Annotated[Path | None, options.optional("DIR", "$JAXSLAM_CACHE, else the system's cache")] = None
     """Folder for the downloaded and converted files. An interrupted download continues where it stopped."""
 
 

@@ -6,16 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
-from jaxslam.cli.common import (
-    LogPath,
-    Switch,
-    Topic,
-    YawAxis,
-    origin_of,
-    print_table,
-    read_log,
-    warn_if_assumed,
-)
+from jaxslam.cli import common, options
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,30 +21,26 @@ _GPS_WITHIN = 0.3
 
 @dataclass(frozen=True)
 class Fuse:
-    """Fuse wheel odometry and IMU of a log with a Kalman filter, and write the trajectory."""
+    """Flags of `jaxslam fuse`."""
 
-    log: LogPath
-    """The log file, or the folder of a ROS 2 bag."""
+    log: options.Log
     out: Annotated[Path, arg(metavar="DIR")] = Path("runs/fuse")
     """Output folder. It is created if needed; existing files in it are overwritten."""
-    imu_yaw_axis: YawAxis = None
-    """IMU axis that points up."""
-    gps: Switch = False
+    imu_yaw_axis: options.YawAxis = None
+    gps: options.Switch = False
     """Compare with the GPS fixes of the log, after the best rotation and translation."""
-    wheel_radius: Annotated[float | None, arg(metavar="METERS", help_behavior_hint="(default: none)")] = None
+    wheel_radius: Annotated[float | None, options.optional("METERS", "none")] = None
     """Wheel radius, to compute the odometry from the wheel angles (JointState) of the log; needs --track."""
-    track: Annotated[float | None, arg(metavar="METERS", help_behavior_hint="(default: none)")] = None
+    track: Annotated[float | None, options.optional("METERS", "none")] = None
     """Distance between the wheels, for --wheel-radius."""
-    odometry_poses: Switch = False
+    odometry_poses: options.Switch = False
     """Also use the poses of the odometry, not only its velocities (as Liang et al.)."""
-    imu_headings: Switch = False
+    imu_headings: options.Switch = False
     """Also use the heading of the IMU, not only its yaw rate. A compass near iron makes it unreliable."""
-    world_frame: Switch = False
+    world_frame: options.Switch = False
     """Use the linear filter with velocities along the world axes (as Liang et al.)."""
-    odom_topic: Topic = None
-    """Wheel-odometry topic (ROS bags only)."""
-    imu_topic: Topic = None
-    """IMU topic (ROS bags only)."""
+    odom_topic: options.OdomTopic = None
+    imu_topic: options.ImuTopic = None
 
 
 def execute(command: Fuse, arguments: list[str]) -> None:
@@ -66,7 +53,7 @@ def execute(command: Fuse, arguments: list[str]) -> None:
     from jaxslam.report import make_folder
     from jaxslam.report.folder import write_json
 
-    log = read_log(command.log, odom_topic=command.odom_topic, imu_topic=command.imu_topic)
+    log = common.read_log(command.log, odom_topic=command.odom_topic, imu_topic=command.imu_topic)
     if log.imu is None:
         raise LogError(
             f"{log.path}: no IMU in it, so there is nothing to fuse: give a log with an IMU (see `info`)"
@@ -83,7 +70,7 @@ def execute(command: Fuse, arguments: list[str]) -> None:
     fixes = _fixes(log) if command.gps else None
     stamps = log.imu.stamps if odometry is None else odometry.stamps
     fused, yaw = fuse_tracks(settings, odometry, log.imu, stamps)
-    warn_if_assumed(yaw)
+    common.warn_if_assumed(yaw)
     folder = command.out
     make_folder(folder)
     write_tum(folder / "trajectory.tum", fused.stamps, fused.poses)
@@ -105,18 +92,16 @@ def execute(command: Fuse, arguments: list[str]) -> None:
         f"{_axis_name(yaw.axis)} ({yaw.source}), bias {yaw.bias:.2e} rad/s",
     }
     if fixes is not None:
-        for name, track in (("fused", (fused.stamps, fused.poses)), ("wheels", odometry)):
+        for key, label, track in (("gps", "fused", fused), ("gps_odometry_alone", "wheels", odometry)):
             if track is None:
                 continue
-            poses = track if isinstance(track, tuple) else (track.stamps, track.poses)
-            error = absolute_trajectory_error(*fixes, *poses, max_difference=_GPS_WITHIN)
-            key = "gps" if name == "fused" else "gps_odometry_alone"
+            error = absolute_trajectory_error(*fixes, track.stamps, track.poses, max_difference=_GPS_WITHIN)
             metrics[key] = {"rmse_m": error.rmse_m, "max_m": error.max_m, "n": error.n}
-            lines[f"GPS, {name}"] = f"{error.rmse_m:.2f} m RMSE, max {error.max_m:.2f} m ({error.n} fixes)"
+            lines[f"GPS, {label}"] = f"{error.rmse_m:.2f} m RMSE, max {error.max_m:.2f} m ({error.n} fixes)"
     write_json(folder / "metrics.json", metrics)
-    write_json(folder / "run.json", origin_of(arguments, log=command.log))
+    write_json(folder / "run.json", common.origin_of(arguments, log=command.log))
     lines["written"] = f"{folder} (trajectory.tum, sigma.png, metrics.json, run.json)"
-    print_table(lines, width=14)
+    common.print_table(lines, width=14)
 
 
 def _wheels(command: Fuse, log: "SensorLog") -> "OdometryTrack":
@@ -160,13 +145,11 @@ def _axis_name(axis: "Float64[np.ndarray, '3']") -> str:
 def _save_sigmas(path: Path, fused: "FusedMotion") -> None:
     """Draw three standard deviations of position and heading over time."""
     import numpy as np
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     from jaxslam.viz import style
 
     figure = Figure(figsize=(8.0, 5.0), layout="constrained")
-    FigureCanvasAgg(figure)
     above, below = figure.subplots(2, sharex=True)
     time = fused.stamps - fused.stamps[0]
     above.plot(time, 3 * np.hypot(fused.sigmas[:, 0], fused.sigmas[:, 1]), color=style.ESTIMATE)

@@ -2,21 +2,17 @@
 
 from dataclasses import dataclass
 
-from jaxslam.cli.common import LogPath, Topic, describe_timing
+from jaxslam.cli import common, options
 
 
 @dataclass(frozen=True)
 class Info:
-    """Show what is in a log: counts, rates, beams, ranges, path, gaps."""
+    """Flags of `jaxslam info`."""
 
-    log: LogPath
-    """The log file, or the folder of a ROS 2 bag."""
-    scan_topic: Topic = None
-    """Laser-scan topic (ROS bags only)."""
-    odom_topic: Topic = None
-    """Wheel-odometry topic (ROS bags only)."""
-    imu_topic: Topic = None
-    """IMU topic (ROS bags only)."""
+    log: options.Log
+    scan_topic: options.ScanTopic = None
+    odom_topic: options.OdomTopic = None
+    imu_topic: options.ImuTopic = None
 
 
 def execute(command: Info, arguments: list[str]) -> None:
@@ -39,5 +35,5 @@ def execute(command: Info, arguments: list[str]) -> None:
         preset = detect_lidar(log)
         print(f"lidar preset  {preset.name}")
         _, timing = correct_scans(log, preset)
-        if stamped := describe_timing(timing):
+        if stamped := common.describe_timing(timing):
             print(f"scans         {stamped}")

@@ -8,22 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import arg
 
-from jaxslam.cli.common import (
-    Assignments,
-    File,
-    Lidar,
-    LogPath,
-    Switch,
-    Topic,
-    check_seed,
-    describe_ate,
-    origin_of,
-    print_table,
-    read_log,
-    read_network,
-    read_reference,
-    warn,
-)
+from jaxslam.cli import common, options
 
 if TYPE_CHECKING:
     from jaxslam.core.trajectory import Trajectory
@@ -37,42 +22,32 @@ _FAR = 1e5
 
 @dataclass(frozen=True)
 class Localize:
-    """Find and track the robot of a log on a known map, by adaptive Monte Carlo localization."""
+    """Flags of `jaxslam localize`."""
 
-    log: LogPath
-    """The log file, or the folder of a ROS 2 bag."""
+    log: options.Log
     map: Annotated[Path, arg(metavar="MAP.yaml")]
     """Map in the format of map_server and nav2: a yaml file with an image beside it."""
-    start: Annotated[str | None, arg(metavar="X,Y,THETA", help_behavior_hint="(default: none)")] = None
+    start: Annotated[str | None, options.optional("X,Y,THETA", "none")] = None
     """Start pose in the map frame: meters, meters, radians. Its uncertainty is set by start.deviation (0.5 m)
     and start.rotation_deviation (0.26 rad)."""
-    global_: Annotated[Switch, arg(name="global")] = False
+    global_: Annotated[options.Switch, arg(name="global")] = False
     """Start pose unknown: search the whole map."""
-    seed: int = 0
-    """Random seed, 0 to 4294967295. The same seed gives the same bytes."""
-    particles: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: 100000)")] = None
+    seed: options.Seed = 0
+    particles: Annotated[int | None, options.optional("N", "100000")] = None
     """Largest number of particles. A global start uses all of them; later the number adapts."""
-    reference: File = None
+    reference: options.File = None
     """Reference trajectory in the map frame (TUM format, seconds and meters) to measure the error against."""
-    config: File = None
+    config: options.File = None
     """Configuration in TOML, as `jaxslam config --localization` prints it. It may contain any subset of the
     settings."""
-    set: Assignments = ()
-    """Settings by name, for example sensor.sigma_hit=0.1; repeatable. They override all other sources."""
-    lidar: Lidar = None
-    """Lidar preset: sick, urg-04lx, rplidar-a1, lds-01, lds-02 or vlp-16."""
-    range_network: File = None
-    """Correct all ranges with this network, written by `jaxslam train-range`."""
-    scan_topic: Topic = None
-    """Laser-scan topic (ROS bags only)."""
-    odom_topic: Topic = None
-    """Wheel-odometry topic (ROS bags only)."""
-    gif: Switch = False
+    set: options.Settings = ()
+    lidar: options.Lidar = None
+    range_network: options.RangeNetwork = None
+    scan_topic: options.ScanTopic = None
+    odom_topic: options.OdomTopic = None
+    gif: options.Switch = False
     """Also write cloud.gif, an animation of the particles on the map."""
-    out: Annotated[
-        Path | None, arg(metavar="DIR", help_behavior_hint="(default: runs/<log>-amcl-s<seed>)")
-    ] = None
-    """Output folder. It is created if needed; existing files in it are overwritten."""
+    out: Annotated[Path | None, options.optional("DIR", "runs/<log>-amcl-s<seed>", options.FOLDER)] = None
 
 
 def execute(command: Localize, arguments: list[str]) -> None:
@@ -87,12 +62,12 @@ def execute(command: Localize, arguments: list[str]) -> None:
     from jaxslam.report.localization_folder import write_localization
     from jaxslam.viz.clouds import animate_clouds
 
-    check_seed(command.seed)
+    common.check_seed(command.seed)
     start = _start(command)
-    network = read_network(command.range_network)
+    network = common.read_network(command.range_network)
     map = read_map(command.map)
-    log = read_log(command.log, scan_topic=command.scan_topic, odom_topic=command.odom_topic)
-    reference = read_reference(command.reference, log) if command.reference is not None else None
+    log = common.read_log(command.log, scan_topic=command.scan_topic, odom_topic=command.odom_topic)
+    reference = common.read_reference(command.reference, log)
     config = resolve_config(
         jaxslam.LocalizationConfig(),
         log=log,
@@ -117,11 +92,11 @@ def execute(command: Localize, arguments: list[str]) -> None:
         progress=sys.stderr.isatty(),
         on_chunk=clouds.append if command.gif else None,
     )
-    warn(result.warnings)
+    common.warn(*result.warnings)
     error = None if reference is None else _error(result, reference, log, command)
     if command.gif:
         animate_clouds(folder / "cloud.gif", result.map, clouds)
-    origin = origin_of(
+    origin = common.origin_of(
         arguments, command.seed, log=command.log, map=command.map, range_network=command.range_network
     )
     origin["start"] = "global" if start is None else list(start)
@@ -135,11 +110,9 @@ def _warn_if_far(path: Path, map: "OccupancyMap") -> None:
     farthest = float(np.abs(map.origin[:2]).max())
     if farthest > _FAR:
         precision = float(np.spacing(np.float32(farthest)))
-        warn(
-            [
-                f"{path}: its origin is {farthest:.0f} m away from 0, where positions are resolved to only "
-                f"{precision:.2g} m: move the origin closer to 0"
-            ]
+        common.warn(
+            f"{path}: its origin is {farthest:.0f} m away from 0, where positions are resolved to only "
+            f"{precision:.2g} m: move the origin closer to 0"
         )
 
 
@@ -153,7 +126,7 @@ def _error(
 
     assert log.odometry is not None  # `prepare_localization` has checked it
     if not result.agreed.any():
-        warn((f"{command.reference}: no error is reported: the particles never agreed",))
+        common.warn(f"{command.reference}: no error is reported: the particles never agreed")
         return None
     since = result.all_stamps >= result.stamps[np.argmax(result.agreed)]
     try:
@@ -162,7 +135,7 @@ def _error(
         )
     except ValueError as error:
         # The run is complete without the error.
-        warn((f"{command.reference}: no error is reported: since the particles first agreed, {error}",))
+        common.warn(f"{command.reference}: no error is reported: since the particles first agreed, {error}")
         return None
 
 
@@ -171,14 +144,12 @@ def _start(command: Localize) -> tuple[float, float, float] | None:
         raise ValueError("give either --start X,Y,THETA (meters, meters, radians) or --global")
     if command.start is None:
         return None
-    parts = command.start.split(",")
     try:
-        pose = tuple(float(part) for part in parts)
+        x, y, theta = map(float, command.start.split(","))
     except ValueError:
-        pose = ()
-    if len(pose) != 3 or not all(map(math.isfinite, pose)):
+        x = y = theta = math.nan
+    if not math.isfinite(x + y + theta):
         raise ValueError(f"--start is {command.start!r}: give X,Y,THETA in meters, meters and radians")
-    x, y, theta = pose
     return x, y, theta
 
 
@@ -207,6 +178,6 @@ def _print_summary(folder: Path, result: "LocalizationResult", metrics: dict[str
     if np.isfinite(metrics["match_score"]):
         lines["match"] = f"{100 * metrics['match_score']:.1f} % of the beams end on the map"
     if ate := metrics.get("ate"):
-        lines["error"] = describe_ate(ate)
+        lines["error"] = common.describe_ate(ate)
     lines["written"] = f"{folder} (cloud.png, trajectory.tum, metrics.json, …)"
-    print_table(lines)
+    common.print_table(lines)

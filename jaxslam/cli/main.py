@@ -2,12 +2,27 @@
 
 import contextlib
 import difflib
+import importlib
 import io
 import os
 import re
 import sys
-from collections.abc import Callable, Sequence
-from typing import Any
+import textwrap
+from collections.abc import Sequence
+
+COMMANDS = {
+    "run": "Map a log: CARMEN (.log, .clf, also .gz), ROS 1 bag, ROS 2 bag (.mcap, .db3 or folder).",
+    "demo": "Map a simulated hall and compare the result with the ground truth; needs no data.",
+    "fetch": "Download a public log, verify and convert it. Without NAME, list the public logs.",
+    "localize": "Find and track the robot of a log on a known map, by adaptive Monte Carlo localization.",
+    "info": "Show what is in a log: counts, rates, beams, ranges, path, gaps.",
+    "config": "Print the configuration as TOML with a comment for each setting, for use with `run --config`.",
+    "fuse": "Fuse wheel odometry and IMU of a log with a Kalman filter, and write the trajectory.",
+    "train-range": "Train a network to correct a lidar's ranges, on readings of a wall at known distances.",
+    "study": "Tune settings over many runs, as a file describes; `study report STORAGE` prints the results.",
+    "study-report": "Write tables, pictures and the best configuration of a study, finished or not.",
+}
+"""What each command does. The module of the same name in `jaxslam.cli` has its flags and its `execute`."""
 
 _EXTRAS = {
     "cli": ("tyro", "matplotlib", "PIL", "rosbags", "ruamel", "tqdm", "tomlkit", "docstring_parser", "pooch"),
@@ -30,10 +45,6 @@ _INTERRUPTED = 130
 _OUTPUT_CLOSED = 141
 
 
-class UsageError(ValueError):
-    """An error in the command line; the message is one line."""
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the `jaxslam` command.
 
@@ -54,8 +65,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("\njaxslam: interrupted", file=sys.stderr)
         return _INTERRUPTED
-    except BrokenPipeError:
-        return _output_closed()
+    except BrokenPipeError:  # the reader has stopped early, as `head` does: this is not an error
+        # At exit, Python would flush the rest of the buffer and report the same error.
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _OUTPUT_CLOSED
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
         extra = next((name for name, modules in _EXTRAS.items() if missing in modules), None)
@@ -73,75 +87,62 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _report("a file is nested too deeply to be read")
 
 
-def _dispatch(arguments: Sequence[str]) -> int:
-    if list(arguments) in (["--version"], ["-V"]):
+def _dispatch(arguments: list[str]) -> int:
+    if arguments in (["--version"], ["-V"]):
         import jaxslam
 
         print(f"jaxslam {jaxslam.__version__}")
         return 0
+    if not arguments or arguments[0] in ("--help", "-h"):
+        print(_overview())
+        return 0
     try:
-        command = parse(arguments or ["--help"])
+        command = parse(arguments)
     except SystemExit:  # the help was requested and printed
         return 0
-    sys.modules[type(command).__module__].execute(command, list(arguments))
+    sys.modules[type(command).__module__].execute(command, arguments)
     return 0
+
+
+def _overview() -> str:
+    """Return the help of `jaxslam`. It needs no command module, so it appears at once."""
+    lines = ["usage: jaxslam COMMAND [flags]", ""]
+    lines += ["Grid-based particle-filter SLAM for 2D lidar: from a log to a map.", "", "commands:"]
+    for name, text in COMMANDS.items():
+        lines.append(textwrap.fill(text, 80, initial_indent=f"  {name:<14}", subsequent_indent=" " * 16))
+    return "\n".join([*lines, "", "`jaxslam COMMAND --help` lists the flags of a command."])
 
 
 def parse(arguments: Sequence[str]) -> object:
     """Return the requested command, an instance of a class whose module defines `execute`.
 
     Raises:
-        UsageError: the arguments are wrong.
+        ValueError: the arguments are wrong; the message is one line.
         SystemExit: the help was requested and printed.
     """
-    # Command modules import neither JAX nor matplotlib, so that the help appears at once.
+    if list(arguments[:2]) == ["study", "report"]:
+        arguments = ["study-report", *arguments[2:]]
+    name, *flags = arguments
+    if name not in COMMANDS:
+        nearest = difflib.get_close_matches(name, COMMANDS, 1, cutoff=0.0)[0]
+        raise ValueError(f"no command is called {name!r}: did you mean {nearest!r}? (see --help)")
+    # The modules of the commands import neither JAX nor matplotlib, so that their help appears at once.
     import tyro
 
-    from jaxslam.cli.config import Config
-    from jaxslam.cli.demo import Demo
-    from jaxslam.cli.fetch import Fetch
-    from jaxslam.cli.fuse import Fuse
-    from jaxslam.cli.info import Info
-    from jaxslam.cli.localize import Localize
-    from jaxslam.cli.run import Run
-    from jaxslam.cli.study import Study
-    from jaxslam.cli.study_report import StudyReport
-    from jaxslam.cli.train_range import TrainRange
-
-    commands: dict[str, Callable[..., Any]] = {
-        "run": Run,
-        "demo": Demo,
-        "fetch": Fetch,
-        "localize": Localize,
-        "info": Info,
-        "config": Config,
-        "fuse": Fuse,
-        "train-range": TrainRange,
-        "study": Study,
-        "study-report": StudyReport,
-    }
-    name = arguments[0] if arguments else ""
-    if not name.startswith("-") and name not in commands:
-        nearest = difflib.get_close_matches(name, commands, 1, cutoff=0.0)[0]
-        raise UsageError(f"no command is called {name!r}: did you mean {nearest!r}? (see --help)")
+    module = importlib.import_module(f"jaxslam.cli.{name.replace('-', '_')}")
     message = io.StringIO()
     try:
         with contextlib.redirect_stderr(message):
-            return tyro.extras.subcommand_cli_from_dict(
-                commands,
-                prog="jaxslam",
-                description="Grid-based particle-filter SLAM for 2D lidar: from a log to a map.",
-                args=_one_value_per_set(_one_word(arguments)),
+            return tyro.cli(
+                getattr(module, name.title().replace("-", "")),
+                prog=f"jaxslam {name}",
+                description=COMMANDS[name],
+                args=_one_value_per_set(flags),
             )
     except SystemExit as stop:
         if not stop.code:
             raise
-        raise UsageError(_one_line(message.getvalue())) from None
-
-
-def _one_word(arguments: Sequence[str]) -> list[str]:
-    """Write `study report` as the command `study-report`, so that both spellings work."""
-    return ["study-report", *arguments[2:]] if list(arguments[:2]) == ["study", "report"] else list(arguments)
+        raise ValueError(_one_line(message.getvalue())) from None
 
 
 def _one_value_per_set(arguments: Sequence[str]) -> list[str]:
@@ -176,18 +177,6 @@ def _one_line(box: str) -> str:
 def _give_a_number(match: re.Match[str]) -> str:
     wanted = "a whole number" if match["type"] in ("INT", "int()") else "a number"
     return f"{match['flag']} is {match['value']}: give {wanted}"
-
-
-def _output_closed() -> int:
-    """Handle a reader that stops early, as `head` does: this is not an error.
-
-    Returns:
-        The exit code of a process that is ended by SIGPIPE.
-    """
-    # At exit, Python would flush the rest of the buffer and report the same error.
-    with contextlib.suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return _OUTPUT_CLOSED
 
 
 def _report(message: str) -> int:

@@ -8,54 +8,42 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
+from jaxslam.cli import options
+
 if TYPE_CHECKING:
     from jaxslam.study import Plan, Store, TrialResult
 
 
 @dataclass(frozen=True)
 class Study:
-    """Tune settings over many runs, as a file describes; `study report STORAGE` prints the results."""
+    """Flags of `jaxslam study`."""
 
     plan: Annotated[Path, Positional, arg(metavar="CONFIG.toml")]
     """Study file: logs, objectives and settings to tune; notebooks/06_study.ipynb shows one."""
-    trials: Annotated[
-        int | None, arg(metavar="N", help_behavior_hint="(default: from the file, otherwise 50)")
-    ] = None
+    trials: Annotated[int | None, options.optional("N", "from the file, otherwise 50")] = None
     """Total number of trials, including those already in the storage."""
-    storage: Annotated[str | None, arg(metavar="URL", help_behavior_hint="(default: runs/<name>.db)")] = None
+    storage: Annotated[str | None, options.optional("URL", "runs/<name>.db")] = None
     """A SQLite file, or the URL of a database. An interrupted study resumes from it."""
-    cluster: Annotated[str | None, arg(metavar="ADDRESS", help_behavior_hint="(default: this process)")] = (
-        None
-    )
+    cluster: Annotated[str | None, options.optional("ADDRESS", "this process")] = None
     """Run the trials on a Dask cluster: address of its scheduler (tcp://host:8786), or local:N for N local
     processes."""
-    out: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: runs/<name>-study)")] = None
-    """Folder for the report. It is created if needed; existing files in it are overwritten."""
+    out: Annotated[Path | None, options.optional("DIR", "runs/<name>-study", options.FOLDER)] = None
 
 
 def execute(command: Study, arguments: list[str]) -> None:
     """Run the remaining trials and report."""
+    from jaxslam import study
     from jaxslam.report import make_folder
-    from jaxslam.study import (
-        keep_programs,
-        open_study,
-        read_plan,
-        run_trials,
-        storage_url,
-        with_few_programs,
-        with_lidars,
-        write_report,
-    )
     from jaxslam.study.report import SHOWN, counts, importance_table, trial_table
     from jaxslam.study.storage import connect, redact_url, storage_errors
 
-    plan = read_plan(command.plan)
+    plan = study.read_plan(command.plan)
     if command.trials is not None:
         if command.trials < 1:
             raise ValueError(f"--trials is {command.trials}: give 1 or more")
         plan = dataclasses.replace(plan, trials=command.trials)
-    storage = command.storage or str(Path("runs") / f"{plan.name}.db")
-    url = storage_url(storage)
+    storage = command.storage or f"runs/{plan.name}.db"
+    url = study.storage_url(storage)
     if "://" not in storage:
         _make_folder_of(Path(storage))
     # Check the storage before the logs are read.
@@ -68,18 +56,18 @@ def execute(command: Study, arguments: list[str]) -> None:
     folder = command.out or Path("runs") / f"{plan.name}-study"
     make_folder(folder)
     programs = (folder / "programs").resolve()
-    keep_programs(programs)
+    study.keep_programs(programs)
     if command.cluster is None:
         _spread_runs(plan)
-    plan = with_few_programs(with_lidars(plan))
+    plan = study.with_few_programs(study.with_lidars(plan))
     with storage_errors(url):
-        before = len(open_study(plan, url).finished())
+        before = len(study.open_study(plan, url).finished())
         _describe(plan, redact_url(url), before)
         if command.cluster is None:
-            store = run_trials(plan, url, _say)
+            store = study.run_trials(plan, url, _say)
         else:
             store = run_on_cluster(plan, url, command.cluster, programs, _say)
-        summary = write_report(folder, store, plan.described())
+        summary = study.write_report(folder, store, plan.described())
     print(f"\n{counts(summary)}\n\n{trial_table(summary, SHOWN)}\n\n{importance_table(summary)}\n")
     table = _held_out(plan, summary.best.params)
     print(table)
@@ -124,7 +112,7 @@ def _say(store: "Store", told: "TrialResult") -> None:
     from jaxslam.study.report import cell
 
     settings = " ".join(f"{name}={cell(value)}" for name, value in told.settings.items())
-    outcome = f"failed: {told.values}" if isinstance(told.values, str) else _numbers(told.values)
+    outcome = f"failed: {told.values}" if isinstance(told.values, str) else " ".join(map(cell, told.values))
     print(f"trial {told.number:<4}{outcome}   {settings}   ({told.seconds:.1f} s)", flush=True)
 
 
@@ -146,10 +134,6 @@ def _cells(outcome: list[float] | str, count: int) -> list[str]:
     if isinstance(outcome, str):
         return [f"failed: {outcome}", *[""] * (count - 1)]
     return [f"{value:.4g}" for value in outcome]
-
-
-def _numbers(values: tuple[float, ...]) -> str:
-    return " ".join(f"{value:.4g}" for value in values)
 
 
 def _listed(seeds: tuple[int, ...]) -> str:

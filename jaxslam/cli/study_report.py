@@ -6,17 +6,18 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from jaxslam.cli import options
+
 
 @dataclass(frozen=True)
 class StudyReport:
-    """Write tables, pictures and the best configuration of a study, finished or not."""
+    """Flags of `jaxslam study report`."""
 
     storage: Annotated[str, Positional, arg(metavar="STORAGE")]
     """The SQLite file, or the URL of a database, that holds the study."""
-    name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: the only one)")] = None
+    name: Annotated[str | None, options.optional("NAME", "the only one")] = None
     """Name of the study, if the storage holds several."""
-    out: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: runs/<name>-study)")] = None
-    """Folder for the report. It is created if needed; existing files in it are overwritten."""
+    out: Annotated[Path | None, options.optional("DIR", "runs/<name>-study", options.FOLDER)] = None
 
 
 def execute(command: StudyReport, arguments: list[str]) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from jaxslam.cli.common import check_seed, origin_of, warn
+from jaxslam.cli import common
 
 if TYPE_CHECKING:
     from jaxslam.range_network.learning import Attempt
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TrainRange:
-    """Train a network that corrects a lidar's ranges, on readings of a wall at known distances."""
+    """Flags of `jaxslam train-range`."""
 
     data: Annotated[tuple[str, ...], Positional, arg(metavar="DATA")]
     """Readings: tables (FILE.csv with the columns true_m and measured_m), or logs of a robot that faces a
@@ -51,13 +51,13 @@ def execute(command: TrainRange, arguments: list[str]) -> None:
     from jaxslam.report import make_folder
     from jaxslam.report.training_folder import PAPERS_MSE, error_table, role_errors, write_training
 
-    check_seed(command.seed)
+    common.check_seed(command.seed)
     check_sizes(command.neurons, command.restarts)
     if not command.data:
         raise ValueError("give training readings: FILE.csv, or LOG:METERS of a wall (see --help)")
     readings = Readings.joined([read_readings(source, bearing=command.bearing) for source in command.data])
     if readings.num_lost:
-        warn([f"{readings.num_lost} readings without a return are left out"])
+        common.warn(f"{readings.num_lost} readings without a return are left out")
     if len(readings.distances) < 2:
         raise ValueError(
             f"all readings are at one distance ({readings.distances[0]:g} m): give readings at two or more "
@@ -65,7 +65,9 @@ def execute(command: TrainRange, arguments: list[str]) -> None:
         )
     split = Split.from_readings(readings, command.held_out or None)
     if not split.validation.any():
-        warn(["too few distances for a validation set: only the mean reading of each distance is learned"])
+        common.warn(
+            "too few distances for a validation set: only the mean reading of each distance is learned"
+        )
     # Check the output before the training, so that a bad name does not waste it.
     if command.out.is_dir():
         raise ValueError(f"{command.out}: is a folder: give a file name")
@@ -93,14 +95,13 @@ def execute(command: TrainRange, arguments: list[str]) -> None:
     )
     seconds = time.perf_counter() - begun
     save_network(command.out, trained.network)
-    origin = origin_of(arguments, command.seed, network=command.out)
+    origin = common.origin_of(arguments, command.seed, network=command.out)
     origin |= {"method": command.method, "seconds": seconds}
     rows = write_training(folder, trained, readings, origin)
     print(f"chosen    {trained.network.num_neurons} neurons, in {seconds:.1f} s with compilation\n")
     print(error_table(rows))
     roles = {row.role: row for row in role_errors(rows)}
-    seen = roles.get("training")
-    if seen is not None:
+    if seen := roles.get("training"):
         print(
             f"\nMSE at training distances: {seen.corrected_rmse**2:.3g} m² (Jamaludin et al.: "
             f"{PAPERS_MSE:.3g}). Only held-out distances\nshow the error in between: a network can fit a "

@@ -9,7 +9,8 @@ not settings.
 import dataclasses
 import difflib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from types import UnionType
 from typing import Any, TypeVar
 
 from jaxslam.config.registry import VARIANTS, choices, kind
@@ -188,20 +189,21 @@ def _chosen(part: object, name: str, changes: Mapping[str, object]) -> object:
 
 
 def _converted(name: str, value: object, annotation: object) -> Scalar:
-    if annotation is str:
-        return _of_type(name, value, isinstance(value, str), "text", str)
-    if annotation is bool:
-        return _of_type(name, value, isinstance(value, bool), "true or false", bool)
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if annotation is int:
-        count = _of_type(name, value, is_number and isinstance(value, int), "a whole number", int)
-        # Every count (particles, beams, cells, iterations) is at least 1.
-        return _of_type(name, value, count >= 1, "1 or more", int)
-    number = _of_type(name, value, is_number, "a number", float)
-    return _of_type(name, value, math.isfinite(number), "a finite number", float)
+    """Return a value in the type of its field; check it against `_REQUIREMENTS`."""
+    for wanted, holds in _REQUIREMENTS.get(annotation, _REQUIREMENTS[float]).items():
+        if not holds(value):
+            raise ValueError(f"{name} is {value!r}: give {wanted}")
+    return _plain(value, annotation)
 
 
-def _of_type(name: str, value: Any, fits: bool, wanted: str, convert: type) -> Any:
-    if not fits:
-        raise ValueError(f"{name} is {value!r}: give {wanted}")
-    return convert(value)
+def _is_of(value: object, numbers: type | UnionType) -> bool:
+    return isinstance(value, numbers) and not isinstance(value, bool)
+
+
+_REQUIREMENTS: dict[object, dict[str, Callable[[Any], bool]]] = {
+    str: {"text": lambda value: isinstance(value, str)},
+    bool: {"true or false": lambda value: isinstance(value, bool)},
+    # Every count (particles, beams, cells, iterations) is at least 1.
+    int: {"a whole number": lambda value: _is_of(value, int), "1 or more": lambda value: value >= 1},
+    float: {"a number": lambda value: _is_of(value, int | float), "a finite number": math.isfinite},
+}

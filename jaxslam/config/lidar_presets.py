@@ -21,31 +21,25 @@ _MAX_COST = 2.0
 class LidarPreset:
     """Properties of a lidar: the ranges that the filter uses, and the format of its scans in a log.
 
+    `usable_range`, `min_range`, `max_range`, `turn_time` and `max_lag` are those of `LidarSettings`.
+
     Attributes:
         name: name for `--lidar NAME`.
-        usable_range: range beyond which a return only clears the space in front of it, meters.
-        min_range: shortest valid reading, meters; a shorter reading counts as no return.
-        max_range: upper limit of valid readings, meters; a reading at or above it counts as no return.
         log_max_ranges: maximum ranges that logs of this lidar report, meters.
-        num_beams: possible numbers of beams per scan.
+        num_beams: possible numbers of beams per scan. A preset without them is never detected automatically.
         field_of_view: field of view, radians.
         rate: scans per second.
-        turn_time: duration of one revolution, during which the beams are measured one by one, seconds.
-        planar: whether the lidar itself produces planar scans. Scans cut from a point cloud have no typical
-            format, so such a preset is never detected automatically.
-        max_lag: largest offset between the stamps of scans and odometry that is searched, seconds.
     """
 
     name: str
     usable_range: float
     min_range: float
     max_range: float
-    log_max_ranges: tuple[float, ...]
-    num_beams: tuple[int, ...]
-    field_of_view: float
-    rate: float
-    turn_time: float
-    planar: bool = True
+    log_max_ranges: tuple[float, ...] = ()
+    num_beams: tuple[int, ...] = ()
+    field_of_view: float = 0.0
+    rate: float = 0.0
+    turn_time: float = 0.0
     max_lag: float = 0.5
 
 
@@ -59,12 +53,12 @@ PRESETS: dict[str, LidarPreset] = {
         LidarPreset("rplidar-a1", 6.0, 0.15, 6.0, (6.0, 12.0), (360,), 2 * math.pi, 5.5, 1 / 5.5),
         LidarPreset("lds-01", 3.5, 0.12, 3.5, (3.5,), (360,), 2 * math.pi, 5.0, 0.2),
         LidarPreset("lds-02", 8.0, 0.16, 8.0, (8.0,), (240, 260), 2 * math.pi, 9.0, 1 / 9),
-        # A single ring.
-        LidarPreset("vlp-16", 16.0, 0.5, 100.0, (100.0,), (900, 1800), 2 * math.pi, 10.0, 0.1, False),
+        # A single ring. Scans cut from a point cloud have no typical format.
+        LidarPreset("vlp-16", 16.0, 0.5, 100.0, turn_time=0.1),
     )
 }
 
-GENERIC_USABLE_RANGE = 8.0
+_GENERIC_USABLE_RANGE = 8.0
 """Upper limit of the usable range if no preset fits, meters."""
 
 
@@ -98,9 +92,12 @@ def detect_lidar(log: SensorLog) -> LidarPreset:
     """
     if log.scans is None or len(log.scans.stamps) == 0:
         raise LogError(f"{log.path}: the log has no laser scans: give a log with scans (see `jaxslam info`)")
-    costs = {name: _cost(preset, log.scans) for name, preset in PRESETS.items() if preset.planar}
+    costs = {name: _cost(preset, log.scans) for name, preset in PRESETS.items() if preset.num_beams}
     name = min(costs, key=lambda name: costs[name])
-    return PRESETS[name] if costs[name] <= _MAX_COST else _generic(log.scans)
+    if costs[name] <= _MAX_COST:
+        return PRESETS[name]
+    low, high = log.scans.range_min, log.scans.range_max
+    return LidarPreset("generic", min(_GENERIC_USABLE_RANGE, high), low, high)
 
 
 def _cost(preset: LidarPreset, scans: ScanTrack) -> float:
@@ -123,19 +120,3 @@ def _cost(preset: LidarPreset, scans: ScanTrack) -> float:
 def _ratio(value: float, expected: float) -> float:
     """Return |ln(value / expected)|: 0 for equal values, 0.7 for a factor of two."""
     return abs(math.log(value / expected)) if value > 0 else math.inf
-
-
-def _generic(scans: ScanTrack) -> LidarPreset:
-    num_beams = int(np.median(scans.num_beams))
-    increment = abs(float(np.median(scans.angle_increment)))
-    return LidarPreset(
-        name="generic",
-        usable_range=min(GENERIC_USABLE_RANGE, scans.range_max),
-        min_range=scans.range_min,
-        max_range=scans.range_max,
-        log_max_ranges=(scans.range_max,),
-        num_beams=(num_beams,),
-        field_of_view=increment * num_beams,
-        rate=1.0,
-        turn_time=0.0,
-    )

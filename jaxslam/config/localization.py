@@ -5,25 +5,17 @@ import math
 from collections.abc import Mapping
 
 import equinox as eqx
-from jaxtyping import Array, Float
 
 from jaxslam.config.dotted import UNSET, update
-from jaxslam.config.lidar import LidarSettings
+from jaxslam.config.lidar import LidarSettings, Number
 from jaxslam.config.lidar_presets import LidarPreset
 from jaxslam.config.thinning import Thinning
 from jaxslam.core.validation import require_at_least_zero
-from jaxslam.localization import (
-    Agreement,
-    Clustering,
-    KLDSampling,
-    Recovery,
-)
+from jaxslam.localization import Agreement, Clustering, KLDSampling, Recovery
 from jaxslam.localization.skipping import BeamSkipping
 from jaxslam.motion import AbstractMotionModel, OdometryMotion
 from jaxslam.sensor.base import AbstractSensorModel
 from jaxslam.sensor.likelihood_field import LikelihoodField
-
-Number = float | Float[Array, ""]
 
 _WIDEST_START = 1e4
 """Largest standard deviation of a start pose, meters or radians."""
@@ -118,12 +110,5 @@ class LocalizationConfig(eqx.Module):
         return dataclasses.replace(self, lidar=LidarSettings.from_preset(preset))
 
     def with_settings(self, settings: Mapping[str, object]) -> "LocalizationConfig":
-        """Return a copy with settings changed by dotted name or unambiguous suffix.
-
-        Raises:
-            ValueError: a name is unknown or ambiguous, or a value has the wrong type or is out of range.
-
-        Example:
-            `LocalizationConfig().with_settings({"sensor.sigma_hit": 0.1})`
-        """
+        """Return a copy with settings changed by name, as `SlamConfig.with_settings` does."""
         return update(self, settings)

@@ -5,55 +5,32 @@ Register a new proposal, motion model, sensor model or resampler here with one l
 
 import equinox as eqx
 
-from jaxslam.motion import (
-    AbstractMotionModel,
-    GaussianMotion,
-    OdometryMotion,
-    OmnidirectionalMotion,
-    VelocityMotion,
-)
-from jaxslam.proposal.base import AbstractProposal
-from jaxslam.proposal.fruit_fly import FruitFlyProposal
-from jaxslam.proposal.gaussian import GaussianProposal
-from jaxslam.proposal.matched import MatchedProposal
-from jaxslam.proposal.motion import MotionProposal
-from jaxslam.resampling import (
-    AbstractResampler,
-    MultinomialResampler,
-    ResidualResampler,
-    StratifiedResampler,
-    SystematicResampler,
-)
-from jaxslam.sensor.base import AbstractSensorModel
-from jaxslam.sensor.beam import Beam
-from jaxslam.sensor.endpoint import Endpoint
-from jaxslam.sensor.likelihood_field import LikelihoodField
-from jaxslam.sensor.nav2_field import Nav2Field
+from jaxslam import motion, proposal, resampling, sensor
 
 VARIANTS: dict[type[eqx.Module], dict[str, type[eqx.Module]]] = {
-    AbstractMotionModel: {
-        "odometry": OdometryMotion,
-        "velocity": VelocityMotion,
-        "omnidirectional": OmnidirectionalMotion,
-        "gaussian": GaussianMotion,
+    motion.AbstractMotionModel: {
+        "odometry": motion.OdometryMotion,
+        "velocity": motion.VelocityMotion,
+        "omnidirectional": motion.OmnidirectionalMotion,
+        "gaussian": motion.GaussianMotion,
     },
-    AbstractSensorModel: {
-        "likelihood_field": LikelihoodField,
-        "beam": Beam,
-        "endpoint": Endpoint,
-        "nav2_field": Nav2Field,
+    sensor.AbstractSensorModel: {
+        "likelihood_field": sensor.LikelihoodField,
+        "beam": sensor.Beam,
+        "endpoint": sensor.Endpoint,
+        "nav2_field": sensor.Nav2Field,
     },
-    AbstractProposal: {
-        "motion": MotionProposal,
-        "matched": MatchedProposal,
-        "fruit_fly": FruitFlyProposal,
-        "gaussian": GaussianProposal,
+    proposal.AbstractProposal: {
+        "motion": proposal.MotionProposal,
+        "matched": proposal.MatchedProposal,
+        "fruit_fly": proposal.FruitFlyProposal,
+        "gaussian": proposal.GaussianProposal,
     },
-    AbstractResampler: {
-        "systematic": SystematicResampler,
-        "stratified": StratifiedResampler,
-        "residual": ResidualResampler,
-        "multinomial": MultinomialResampler,
+    resampling.AbstractResampler: {
+        "systematic": resampling.SystematicResampler,
+        "stratified": resampling.StratifiedResampler,
+        "residual": resampling.ResidualResampler,
+        "multinomial": resampling.MultinomialResampler,
     },
 }
 """Registered classes by name, for each abstract class. Each class must be constructible without arguments."""

@@ -5,11 +5,10 @@ import difflib
 from collections.abc import Mapping
 
 import equinox as eqx
-from jaxtyping import Array, Float
 
 from jaxslam.config.dotted import UNSET, update
 from jaxslam.config.fusion import FusionSettings
-from jaxslam.config.lidar import LidarSettings
+from jaxslam.config.lidar import LidarSettings, Number
 from jaxslam.config.lidar_presets import LidarPreset
 from jaxslam.config.registry import kind
 from jaxslam.config.thinning import Thinning
@@ -23,8 +22,6 @@ from jaxslam.resampling import AdaptiveResampling, SystematicResampler
 from jaxslam.sensor.base import AbstractSensorModel
 from jaxslam.sensor.likelihood_field import LikelihoodField
 from jaxslam.slam.rbpf import RBPF
-
-Number = float | Float[Array, ""]
 
 METHODS: dict[str, dict[str, str]] = {
     "rbpf": {"proposal.kind": "motion"},

@@ -3,9 +3,20 @@
 A batched library factorization costs five times as much.
 """
 
+import math
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+
+LOG_TWO_PI = math.log(2.0 * math.pi)
+
+
+def rotation_matrix(angle: Float[Array, ""]) -> Float[Array, "3 3"]:
+    """Return the matrix `[3, 3]` that rotates (x, y, theta) counter-clockwise by `angle` radians."""
+    cos, sin = jnp.cos(angle), jnp.sin(angle)
+    one, zero = jnp.ones_like(cos), jnp.zeros_like(cos)
+    return jnp.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one]).reshape(3, 3)
 
 
 def inverse_symmetric(matrix: Float[Array, "3 3"]) -> Float[Array, "3 3"]:

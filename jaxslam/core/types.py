@@ -8,6 +8,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+Scalar = float | Float[Array, ""]
+"""A setting of a model: a Python float, or a traced scalar under `jit`."""
+
 
 class LidarScan(eqx.Module):
     """One planar scan and the geometry needed to place it.

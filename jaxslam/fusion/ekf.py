@@ -5,6 +5,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jaxslam.core import se2
+from jaxslam.core.linalg import rotation_matrix
+from jaxslam.core.types import Scalar
 from jaxslam.core.validation import require_at_least_zero, require_one_of
 
 STATE_SIZE = 6
@@ -40,6 +42,11 @@ class Measurement(eqx.Module):
     variance: Float[Array, "*M 6"]
     seen: Bool[Array, "*M 6"]
 
+    @property
+    def any_seen(self) -> Bool[Array, "*M"]:
+        """Return whether any component was measured."""
+        return jnp.any(self.seen, axis=-1)
+
 
 class EKFUpdate(eqx.Module):
     """A belief after a reading.
@@ -71,9 +78,9 @@ class EKF(eqx.Module):
         frame: frame of the rates, "body" or "world" (static).
     """
 
-    acceleration: float | Float[Array, ""] = 0.5
-    lateral_acceleration: float | Float[Array, ""] = 0.1
-    angular_acceleration: float | Float[Array, ""] = 0.5
+    acceleration: Scalar = 0.5
+    lateral_acceleration: Scalar = 0.1
+    angular_acceleration: Scalar = 0.5
     gate: bool = eqx.field(static=True, default=True)
     frame: str = eqx.field(static=True, default="body")
 
@@ -85,8 +92,7 @@ class EKF(eqx.Module):
         """Return the belief `dt` ≥ 0 seconds later."""
         mean, transition = self._transition(belief.mean, dt)
         noise = self._process_noise(belief.mean, dt)
-        covariance = transition @ belief.covariance @ transition.T + noise
-        return Belief(_wrapped(mean), _symmetric(covariance))
+        return Belief(_wrapped(mean), _symmetric(transition @ belief.covariance @ transition.T + noise))
 
     def update(self, belief: Belief, measurement: Measurement) -> EKFUpdate:
         """Return the belief after a reading, with the covariance in Joseph's form."""
@@ -97,16 +103,14 @@ class EKF(eqx.Module):
         innovation = jnp.where(seen, innovation, 0.0)
         # A component that was not measured has a zero row in H and variance 1 in R, and thus no effect.
         observe = jnp.where(seen[:, None], jnp.eye(STATE_SIZE, size, dtype=belief.mean.dtype), 0.0)
-        variance = jnp.where(seen, measurement.variance, 1.0)
-        noise = jnp.diag(variance)
+        noise = jnp.diag(jnp.where(seen, measurement.variance, 1.0))
         spread = observe @ belief.covariance @ observe.T + noise
         gain = jnp.linalg.solve(spread, observe @ belief.covariance).T
         distance = innovation @ jnp.linalg.solve(spread, innovation)
         remain = jnp.eye(size, dtype=belief.mean.dtype) - gain @ observe
         covariance = remain @ belief.covariance @ remain.T + gain @ noise @ gain.T
         limit = jnp.asarray(_GATES, belief.mean.dtype)[jnp.sum(seen, dtype=jnp.int32)]
-        finite = jnp.isfinite(distance)
-        accepted: Bool[Array, ""] = finite & ((distance <= limit) if self.gate else True)
+        accepted: Bool[Array, ""] = jnp.isfinite(distance) & ((distance <= limit) if self.gate else True)
         mean = jnp.where(accepted, belief.mean + gain @ innovation, belief.mean)
         kept = jnp.where(accepted, _symmetric(covariance), belief.covariance)
         return EKFUpdate(Belief(_wrapped(mean), kept), distance, accepted)
@@ -119,38 +123,26 @@ class EKF(eqx.Module):
         if self.frame == "world":
             moved = mean.at[:3].add(dt * mean[3:6])
             return moved, jacobian.at[jnp.arange(3), jnp.arange(3, 6)].set(dt)
-        along, across, turning = mean[3], mean[4], mean[5]
         # The heading halfway through the turn makes the result nearly independent of the step length.
-        heading = mean[HEADING] + 0.5 * dt * turning
-        cos, sin = jnp.cos(heading), jnp.sin(heading)
-        moved = mean.at[0].add(dt * (cos * along - sin * across))
-        moved = moved.at[1].add(dt * (sin * along + cos * across)).at[2].add(dt * turning)
-        by_heading = jnp.stack([-dt * (sin * along + cos * across), dt * (cos * along - sin * across)])
-        jacobian = jacobian.at[:2, HEADING].set(by_heading).at[:2, 5].set(0.5 * dt * by_heading)
-        jacobian = jacobian.at[0, 3].set(dt * cos).at[0, 4].set(-dt * sin)
-        jacobian = jacobian.at[1, 3].set(dt * sin).at[1, 4].set(dt * cos)
-        return moved, jacobian.at[2, 5].set(dt)
+        heading = mean[HEADING] + 0.5 * dt * mean[5]
+        velocity = se2.rotate(heading, mean[3:5])
+        moved = mean.at[:2].add(dt * velocity).at[HEADING].add(dt * mean[5])
+        by_heading = dt * jnp.stack([-velocity[1], velocity[0]])
+        jacobian = jacobian.at[:3, 3:6].set(dt * rotation_matrix(heading))
+        return moved, jacobian.at[:2, HEADING].set(by_heading).at[:2, 5].set(0.5 * dt * by_heading)
 
     def _process_noise(self, mean: Float[Array, "S"], dt: Float[Array, ""]) -> Float[Array, "S S"]:
         """Return the noise of white accelerations over `dt`: dt³/3, dt²/2 and dt times their densities."""
-        densities = jnp.stack([jnp.asarray(d, mean.dtype) ** 2 for d in self._densities()])
-        if self.frame == "world":
-            turn = jnp.eye(3, dtype=mean.dtype)
-        else:
-            cos, sin = jnp.cos(mean[HEADING]), jnp.sin(mean[HEADING])
-            one, zero = jnp.ones_like(cos), jnp.zeros_like(cos)
-            turn = jnp.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one]).reshape(3, 3)
-        rates = jnp.diag(densities)
+        # World axes are not aligned with the robot, so both get the larger density.
+        lateral = self.acceleration if self.frame == "world" else self.lateral_acceleration
+        densities = (self.acceleration, lateral, self.angular_acceleration)
+        turn = jnp.eye(3, dtype=mean.dtype) if self.frame == "world" else rotation_matrix(mean[HEADING])
+        rates = jnp.diag(jnp.stack([jnp.asarray(density, mean.dtype) ** 2 for density in densities]))
         noise = jnp.zeros((mean.shape[0],) * 2, mean.dtype)
         noise = noise.at[:3, :3].set(turn @ rates @ turn.T * dt**3 / 3)
         noise = noise.at[:3, 3:6].set(turn @ rates * dt**2 / 2)
         noise = noise.at[3:6, :3].set(rates @ turn.T * dt**2 / 2)
         return noise.at[3:6, 3:6].set(rates * dt)
-
-    def _densities(self) -> tuple[float | Float[Array, ""], ...]:
-        # World axes are not aligned with the robot, so both get the larger density.
-        lateral = self.acceleration if self.frame == "world" else self.lateral_acceleration
-        return self.acceleration, lateral, self.angular_acceleration
 
 
 def with_copy(belief: Belief) -> Belief:
@@ -163,20 +155,15 @@ def since_copy(belief: Belief) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
     """Return the current pose in the frame of the copied pose, and its covariance to first order."""
     copied, now = belief.mean[STATE_SIZE : STATE_SIZE + 3], belief.mean[:3]
     relative = se2.relative(copied, now)
-    cos, sin = jnp.cos(copied[HEADING]), jnp.sin(copied[HEADING])
-    one, zero = jnp.ones_like(cos), jnp.zeros_like(cos)
-    by_now = jnp.stack([cos, sin, zero, -sin, cos, zero, zero, zero, one]).reshape(3, 3)
-    by_copy = -by_now
-    by_copy = by_copy.at[0, HEADING].set(relative[1]).at[1, HEADING].set(-relative[0])
-    jacobian = jnp.zeros((3, belief.mean.shape[0]), belief.mean.dtype)
-    jacobian = jacobian.at[:, :3].set(by_now).at[:, STATE_SIZE : STATE_SIZE + 3].set(by_copy)
+    by_now = rotation_matrix(copied[HEADING]).T
+    by_copy = (-by_now).at[0, HEADING].set(relative[1]).at[1, HEADING].set(-relative[0])
+    jacobian = jnp.concatenate([by_now, jnp.zeros_like(by_now), by_copy], axis=1)
     return relative, _symmetric(jacobian @ belief.covariance @ jacobian.T)
 
 
 def _wrapped(mean: Float[Array, "S"]) -> Float[Array, "S"]:
-    mean = mean.at[HEADING].set(se2.wrap(mean[HEADING]))
-    if mean.shape[0] > STATE_SIZE:
-        heading = STATE_SIZE + HEADING
+    """Wrap the heading of the state, and that of the copied pose if there is one."""
+    for heading in range(HEADING, mean.shape[0], STATE_SIZE):
         mean = mean.at[heading].set(se2.wrap(mean[heading]))
     return mean
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Float64, Int
 
 from jaxslam.fusion.ekf import EKF, STATE_SIZE, Belief, since_copy, with_copy
-from jaxslam.fusion.stream import IMU, ODOMETRY, QUERY, Events, Stream, any_seen
+from jaxslam.fusion.stream import IMU, ODOMETRY, QUERY, Events, Stream
 
 _START_VARIANCE = (1e-6, 1e-6, 1e-6, 1.0, 1.0, 1.0)
 
@@ -22,7 +22,6 @@ class FusedStep(eqx.Module):
         variance: `[6]` the diagonal of its covariance.
         delta: `[3]` at a query, the motion since the previous query, in the frame of the pose then.
         delta_covariance: `[3, 3]` of `delta`.
-        distance: squared Mahalanobis distance of the reading.
         accepted: whether the reading was used.
     """
 
@@ -30,7 +29,6 @@ class FusedStep(eqx.Module):
     variance: Float[Array, "*M 6"]
     delta: Float[Array, "*M 3"]
     delta_covariance: Float[Array, "*M 3 3"]
-    distance: Float[Array, "*M"]
     accepted: Bool[Array, "*M"]
 
 
@@ -73,8 +71,7 @@ def filter_events(ekf: EKF, start: Float[Array, "3"], events: Events) -> tuple[B
             variance=jnp.diagonal(belief.covariance)[:STATE_SIZE],
             delta=delta,
             delta_covariance=covariance,
-            distance=updated.distance,
-            accepted=updated.accepted & any_seen(event.measurement),
+            accepted=updated.accepted & event.measurement.any_seen,
         )
 
     mean = jnp.concatenate([start, jnp.zeros_like(start)])
@@ -86,14 +83,12 @@ def fuse(ekf: EKF, stream: Stream) -> FusedMotion:
     """Return the fused motion at the queries of a stream."""
     steps = jax.jit(filter_events)(ekf, jnp.asarray(stream.start, jnp.float32), stream.events)[1]
     source: Int[np.ndarray, "M"] = np.asarray(stream.events.source)
-    read = np.asarray(any_seen(stream.events.measurement))
-    accepted = np.asarray(steps.accepted)
+    read, accepted = np.asarray(stream.events.measurement.any_seen), np.asarray(steps.accepted)
     rows = stream.query_rows
     deltas = np.asarray(steps.delta, np.float64)[rows]
     covariances = np.asarray(steps.delta_covariance, np.float64)[rows]
-    if len(rows):
-        # The first query has no previous one.
-        deltas[0], covariances[0] = 0.0, 0.0
+    # The first query has no previous one.
+    deltas[:1], covariances[:1] = 0.0, 0.0
     names = {"odometry": ODOMETRY, "imu": IMU}
     return FusedMotion(
         stamps=stream.stamps[rows],

@@ -84,7 +84,7 @@ def _up_axis(imu: ImuTrack, axis: str | None) -> tuple[Float64[np.ndarray, "3"],
             raise LogError(f"--imu-yaw-axis is {axis!r}: give one of {', '.join(AXES)}")
         return np.array(AXES[axis]), "given"
     if imu.mounting_known:
-        return imu.rotation_base_imu.T @ np.array([0.0, 0.0, 1.0]), "the log's mounting"
+        return imu.rotation_base_imu.T @ np.array(AXES["z"]), "the log's mounting"
     finite = imu.linear_accelerations[np.isfinite(imu.linear_accelerations).all(axis=1)]
     if len(finite):
         # An accelerometer at rest measures the upward reaction to gravity.
@@ -95,7 +95,7 @@ def _up_axis(imu: ImuTrack, axis: str | None) -> tuple[Float64[np.ndarray, "3"],
             up = np.zeros(3)
             up[strongest] = np.sign(mean[strongest])
             return up, "gravity"
-    return np.array([0.0, 0.0, 1.0]), "assumed"
+    return np.array(AXES["z"]), "assumed"
 
 
 def _headings(
@@ -108,7 +108,7 @@ def _headings(
     x, y, z, w = quaternions.T
     norm = np.sqrt(x * x + y * y + z * z + w * w)
     with np.errstate(invalid="ignore", divide="ignore"):
-        x, y, z, w = x / norm, y / norm, z / norm, w / norm
+        x, y, z, w = quaternions.T / norm
     turned_x = (
         (1 - 2 * (y * y + z * z)) * level[0] + 2 * (x * y - z * w) * level[1] + 2 * (x * z + y * w) * level[2]
     )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Float64, Int
+from jaxtyping import Array, Float, Float64, Int
 
 from jaxslam.core import se2
 from jaxslam.core.validation import require_at_least_zero
@@ -121,26 +121,26 @@ def merge(
     Raises:
         ValueError: there is neither odometry nor an IMU.
     """
-    parts = [_query_part(queries)]
+    parts = {QUERY: _query_part(queries)}
     start = np.zeros(3)
     if odometry is not None and len(odometry.stamps) > 0:
         start = odometry.poses[0]
-        parts.append(_odometry_part(odometry, odometer_noise, use_poses, world_frame))
+        parts[ODOMETRY] = _odometry_part(odometry, odometer_noise, use_poses, world_frame)
     if yaw is not None and len(yaw.stamps) > 0:
-        parts.append(_imu_part(yaw, imu_noise, use_headings, float(start[2])))
+        parts[IMU] = _imu_part(yaw, imu_noise, use_headings, float(start[2]))
     if len(parts) == 1:
         raise ValueError("there is neither odometry nor an IMU to fuse")
-    stamps = np.concatenate([part[0] for part in parts])
-    source = np.concatenate([np.full(len(part[0]), part[4]) for part in parts])
+    stamps, value, variance, seen = (np.concatenate(column) for column in zip(*parts.values(), strict=True))
+    source = np.concatenate([np.full(len(part[0]), code) for code, part in parts.items()])
     order = np.lexsort((source, stamps))
-    values, variances, seen = (np.concatenate([part[i] for part in parts])[order] for i in (1, 2, 3))
     stamps, source = stamps[order], source[order]
-    first = stamps[0] if len(stamps) else 0.0
     return Stream(
         events=Events(
-            dt=jnp.asarray(np.diff(stamps, prepend=first), jnp.float32),
+            dt=jnp.asarray(np.diff(stamps, prepend=stamps[:1]), jnp.float32),
             measurement=Measurement(
-                jnp.asarray(values, jnp.float32), jnp.asarray(variances, jnp.float32), jnp.asarray(seen)
+                jnp.asarray(value[order], jnp.float32),
+                jnp.asarray(variance[order], jnp.float32),
+                jnp.asarray(seen[order]),
             ),
             source=jnp.asarray(source, jnp.int32),
         ),
@@ -152,7 +152,7 @@ def merge(
 
 def _query_part(queries: Float64[np.ndarray, "Q"]):
     blank = np.zeros((len(queries), 6))
-    return queries, blank, np.ones_like(blank), np.zeros_like(blank, bool), QUERY
+    return queries, blank, np.ones_like(blank), np.zeros_like(blank, bool)
 
 
 def _odometry_part(odometry: OdometryTrack, noise: OdometerNoise, use_poses: bool, world_frame: bool):
@@ -171,16 +171,13 @@ def _odometry_part(odometry: OdometryTrack, noise: OdometerNoise, use_poses: boo
     variance[:, 2] = 1e-4 + noise.heading_per_meter**2 * distance
     if world_frame:
         # The axes of the rates turn with the robot, so both world axes get the larger variance.
-        heading = poses[:-1, 2] + 0.5 * step[:, 2]
-        cos, sin = np.cos(heading), np.sin(heading)
-        value[:, 3] = cos * rates[:, 0] - sin * rates[:, 1]
-        value[:, 4] = sin * rates[:, 0] + cos * rates[:, 1]
+        value[:, 3:5] = se2.rotate(poses[:-1, 2] + 0.5 * step[:, 2], rates[:, :2])
         variance[:, 3:5] = variance[:, 3:5].max(axis=1, keepdims=True)
     seen = np.zeros(value.shape, bool)
     seen[:, 3:] = timed[:, None]
     seen[:, :3] = use_poses
     # A rate belongs to the middle of its interval.
-    return stamps[1:] if use_poses else stamps[1:] - 0.5 * interval, value, variance, seen, ODOMETRY
+    return stamps[1:] if use_poses else stamps[1:] - 0.5 * interval, value, variance, seen
 
 
 def _imu_part(yaw: YawTrack, noise: ImuNoise, use_headings: bool, start_heading: float):
@@ -194,9 +191,4 @@ def _imu_part(yaw: YawTrack, noise: ImuNoise, use_headings: bool, start_heading:
         first = yaw.headings[np.isfinite(yaw.headings)][0]
         seen[:, 2] = np.isfinite(yaw.headings)
         value[:, 2] = np.where(seen[:, 2], yaw.headings - first + start_heading, 0.0)
-    return yaw.stamps, value, variance, seen, IMU
-
-
-def any_seen(measurement: Measurement) -> Bool[Array, "*M"]:
-    """Return whether a reading has any component."""
-    return jnp.any(measurement.seen, axis=-1)
+    return yaw.stamps, value, variance, seen

@@ -15,11 +15,15 @@ from pathlib import Path
 import numpy as np
 
 from jaxslam.core import se2
+from jaxslam.io.files import GZIP_MAGIC
 from jaxslam.io.log import LogError
 from jaxslam.io.map_server import write_map
 from jaxslam.io.public_logs import Conversion
 from jaxslam.io.relations import read_relations
+from jaxslam.io.stamps import nearest_rows
 from jaxslam.io.tum import write_tum
+
+_NO_OFFSET = "PARAM robot_frontlaser_offset 0 nohost 0"
 
 INTEL_FIRST_STAMP = 976052857.3373
 """Stamp of the benchmark's relations at time 0 of `intel.gfs.log`, seconds."""
@@ -85,14 +89,14 @@ def _corrected(name: str, sources: Sequence[Path], folder: Path) -> list[Path]:
 
 def _gfs(name: str, sources: Sequence[Path], folder: Path) -> list[Path]:
     """Read raw odometry and scans from a gfs file; its particles are skipped."""
-    lines = ["PARAM robot_frontlaser_offset 0 nohost 0"]
+    lines = [_NO_OFFSET]
     for fields in _read_fields(sources[0], "ODOM", "LASER_READING"):
         *values, x, y, theta, stamp = fields[1:]
-        pose, tail = f"{x} {y} {theta}", f"{stamp} nohost {stamp}"
+        pose = f"{x} {y} {theta}"
         if fields[0] == "ODOM":
-            lines.append(f"ODOM {pose} 0 0 0 {tail}")
+            lines.append(_odom_line(pose, stamp))
         else:
-            lines.append(f"FLASER {' '.join(values)} {pose} {pose} {tail}")
+            lines.append(_flaser_line(" ".join(values), pose, pose, stamp))
     corrected = [line for line in _read_lines(sources[1]) if line.startswith("FLASER ")]
     return [
         _write_log(folder / f"{name}.clf.gz", lines),
@@ -107,19 +111,19 @@ def _gfs_log(name: str, sources: Sequence[Path], folder: Path) -> list[Path]:
     lines add the raw motion to it. The raw poses are these motions chained. The source's stamps jitter by up
     to a second and run backwards, so reading i gets the time 0.2 s · i, in the log and in the relations.
     """
-    lines = ["PARAM robot_frontlaser_offset 0 nohost 0"]
+    lines = [_NO_OFFSET]
     stamps: list[float] = []
     raw, previous, time = np.zeros(3), np.zeros(3), "0.0"
     for fields in _read_fields(sources[0], "ODOM", "FLASER"):
         if fields[0] == "FLASER":  # Taken at the reading before it.
-            lines.append(f"{' '.join(fields[:-9])} {_pose_text(raw)} {_pose_text(raw)} {time} nohost {time}")
+            lines.append(_flaser_line(" ".join(fields[1:-9]), _pose_text(raw), _pose_text(raw), time))
             continue
         pose, stamp = np.array(fields[1:4], dtype=np.float64), float(fields[7])
         if stamp != 0:
             raw = se2.compose(raw, se2.relative(previous, pose)) if stamps else pose
             time = f"{len(stamps) * _INTEL_PERIOD:.1f}"
             stamps.append(stamp)
-            lines.append(f"ODOM {_pose_text(raw)} 0 0 0 {time} nohost {time}")
+            lines.append(_odom_line(_pose_text(raw), time))
         previous = pose
     return [
         _write_log(folder / f"{name}.clf.gz", lines),
@@ -129,21 +133,16 @@ def _gfs_log(name: str, sources: Sequence[Path], folder: Path) -> list[Path]:
 
 def _restamp_relations(source: Path, stamps: np.ndarray, path: Path) -> Path:
     """Give the relations the time of the reading with the same stamp."""
-    order = np.argsort(stamps, kind="stable")
-    known = stamps[order]
-
-    def time(stamp: str) -> str | None:
-        wanted = float(stamp) - INTEL_FIRST_STAMP
-        right = int(np.searchsorted(known, wanted))
-        rows = [row for row in (right - 1, right) if 0 <= row < known.size]
-        nearest = min(rows, key=lambda row: abs(known[row] - wanted), default=None)
-        if nearest is None or abs(known[nearest] - wanted) > _INTEL_TOLERANCE:
-            return None
-        return f"{order[nearest] * _INTEL_PERIOD:.1f}"
-
     rows = [line.split() for line in _read_lines(source) if line.strip() and not line.startswith("#")]
-    timed = [(time(row[0]), time(row[1]), row[2:]) for row in rows if len(row) == 8]
-    kept = [f"{start} {end} {' '.join(rest)}" for start, end, rest in timed if start and end]
+    wanted = np.array([row[:2] for row in rows], dtype=np.float64).reshape(-1, 2) - INTEL_FIRST_STAMP
+    order = np.argsort(stamps, kind="stable")
+    nearest = order[nearest_rows(stamps[order], wanted)]
+    found = (np.abs(stamps[nearest] - wanted) <= _INTEL_TOLERANCE).all(axis=1)
+    kept = [
+        f"{start:.1f} {end:.1f} {' '.join(row[2:])}"
+        for row, (start, end), good in zip(rows, nearest * _INTEL_PERIOD, found, strict=True)
+        if good and len(row) == 8
+    ]
     if 2 * len(kept) < len(rows) or not kept:
         raise LogError(f"{source}: only {len(kept)} of {len(rows)} relations have stamps of the log")
     return _written(path, lambda part: part.write_text("\n".join(kept) + "\n", encoding="ascii"))
@@ -171,7 +170,7 @@ def _tinyslam(name: str, sources: Sequence[Path], folder: Path) -> list[Path]:
             laser = se2.compose(pose, np.array([_MINES_LIDAR_OFFSET, 0.0, 0.0]))
             ranges = " ".join(f"{float(field) / 1000:.3f}" for field in fields[24:])
             time = f"{stamp - start:.6f}"
-            lines.append(f"ODOM {_pose_text(pose)} 0 0 0 {time} nohost {time}")
+            lines.append(_odom_line(_pose_text(pose), time))
             lines.append(
                 f"ROBOTLASER1 0 {_MINES_GEOMETRY} {_MINES_BEAMS} {ranges} 0 {_pose_text(laser)} "
                 f"{_pose_text(pose)} 0 0 0.2 0.2 1000000 {time} nohost {time}"
@@ -188,14 +187,14 @@ def _wean(name: str, sources: Sequence[Path], folder: Path) -> list[Path]:
         lines = ["PARAM robot_frontlaser_offset 0.25 nohost 0"]
         for fields in _read_fields(source, "O", "L"):
             values = np.array(fields[1:], dtype=np.float64)
-            time = f"{values[-1]:.6f} nohost {values[-1]:.6f}"
+            time = f"{values[-1]:.6f}"
             robot = _pose_text(values[:3] * _CM)
             if fields[0] == "O":
-                lines.append(f"ODOM {robot} 0 0 0 {time}")
+                lines.append(_odom_line(robot, time))
             else:
                 ranges = " ".join(f"{reading / 100:.3f}" for reading in values[6:-1])
                 laser = _pose_text(values[3:6] * _CM)
-                lines.append(f"FLASER {values.size - 7} {ranges} {laser} {robot} {time}")
+                lines.append(_flaser_line(f"{values.size - 7} {ranges}", laser, robot, time))
         written.append(_write_log(folder / f"{name}_{source.name.partition('.')[0]}.clf.gz", lines))
     return [*written, _wean_map(map_path, folder / f"{name}.yaml")]
 
@@ -231,7 +230,7 @@ _CONVERSIONS: dict[Conversion, Callable[[str, Sequence[Path], Path], list[Path]]
 def _read_lines(path: Path) -> list[str]:
     content = path.read_bytes()
     try:
-        text = gzip.decompress(content) if content.startswith(b"\x1f\x8b") else content
+        text = gzip.decompress(content) if content.startswith(GZIP_MAGIC) else content
     except (OSError, EOFError):
         raise LogError(f"{path}: the gzip file is damaged: remove it and fetch the log again") from None
     return text.decode("utf-8", errors="replace").splitlines()
@@ -255,6 +254,14 @@ def _laser_poses(lines: Iterable[str], source: Path) -> tuple[np.ndarray, np.nda
     stamps = np.array([row[-3] for row in rows], dtype=np.float64)
     order = np.argsort(stamps, kind="stable")
     return stamps[order], np.array(poses, dtype=np.float64)[order]
+
+
+def _odom_line(pose: str, time: str) -> str:
+    return f"ODOM {pose} 0 0 0 {time} nohost {time}"
+
+
+def _flaser_line(readings: str, laser: str, robot: str, time: str) -> str:
+    return f"FLASER {readings} {laser} {robot} {time} nohost {time}"
 
 
 def _pose_text(pose: np.ndarray) -> str:

@@ -11,9 +11,8 @@ import functools
 import hashlib
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -41,14 +40,6 @@ class _WrongFileError(FetchError):
     """A commit that does not have the expected file."""
 
 
-@dataclass(frozen=True)
-class _Blob:
-    """A file as the pinned commit has it."""
-
-    identifier: str
-    size: int
-
-
 def cache_folder(to: Path | None = None) -> Path:
     """Return the cache folder: `to`, else the environment variable JAXSLAM_CACHE, else the system's cache."""
     if to is None:
@@ -74,15 +65,13 @@ def fetch_log(log: PublicLog, folder: Path) -> list[Path]:
     try:
         return convert(log.conversion, log.name, fetch_files(log.files, home / "source"), home)
     except OSError as error:
+        other = "choose another folder with --to DIR or the environment variable JAXSLAM_CACHE"
         if error.errno == errno.ENOSPC:
             raise FetchError(
                 f"{home}: the disk is full: free some space and run the command again, which continues the "
-                "download, or choose another folder with --to DIR"
+                f"download, or {other}"
             ) from None
-        raise FetchError(
-            f"{home}: cannot be written ({error.strerror or error}): choose another folder with --to DIR or "
-            "the environment variable JAXSLAM_CACHE"
-        ) from None
+        raise FetchError(f"{home}: cannot be written ({error.strerror or error}): {other}") from None
 
 
 def fetch_files(files: Sequence[RemoteFile], folder: Path) -> list[Path]:
@@ -101,67 +90,61 @@ def fetch_files(files: Sequence[RemoteFile], folder: Path) -> list[Path]:
     checksums = folder / _CHECKSUMS
     if checksums.exists():
         store.load_registry(checksums)
-    list_blobs = functools.cache(_list_blobs)
     paths = []
     for file in files:
         known = file.sha256 or store.registry.get(file.name)
         store.registry[file.name] = known
-        paths.append(Path(store.fetch(file.name, downloader=_Downloader(file, known, list_blobs))))
+        paths.append(Path(store.fetch(file.name, downloader=functools.partial(_download, file, known))))
         if known is None:
             with checksums.open("a", encoding="utf-8") as stream:
                 stream.write(f"{file.name} {pooch.file_hash(str(paths[-1]))}\n")
     return paths
 
 
-@dataclass(frozen=True)
-class _Downloader:
-    """A downloader for pooch that continues an unfinished download and verifies the result."""
+def _download(file: RemoteFile, sha256: str | None, url: str, output_file: str, store: Any) -> None:
+    """Download a file for pooch, from the first of its commits that has the expected content."""
+    commits = (file.commit, *file.other_commits)
+    for commit in commits:
+        try:
+            return _download_from(commit, file, sha256, Path(output_file))
+        except _WrongFileError:
+            if commit == commits[-1]:
+                raise
 
-    file: RemoteFile
-    sha256: str | None
-    list_blobs: Callable[[str, str], Mapping[str, _Blob]]
 
-    def __call__(self, url: str, output_file: str, store: Any) -> None:
-        *others, last = (self.file.commit, *self.file.other_commits)
-        for commit in others:
-            try:
-                return self._download(commit, Path(output_file))
-            except _WrongFileError:
-                continue
-        return self._download(last, Path(output_file))
-
-    def _download(self, commit: str, output: Path) -> None:
-        blob = None if self.sha256 else self._blob(commit)
-        part = output.with_name(f"{self.file.name}.{commit[:12]}.part")
-        url = _file_url(self.file, commit)
-        _transfer(url, part, blob.size if blob else self.file.size)
-        found, expected = _sha256(part), self.sha256
-        if blob:
-            found, expected = _blob_id(part), blob.identifier
-        if found != expected:
-            part.unlink()
-            raise _WrongFileError(
-                f"{url}: wrong checksum ({found}, expected {expected}): the download was removed; run the "
-                "command again, and if the checksum is wrong again, do not use the file"
-            )
-        os.replace(part, output)
-
-    def _blob(self, commit: str) -> _Blob:
-        blobs = self.list_blobs(self.file.repository, commit)
-        if self.file.path not in blobs:
-            raise _WrongFileError(f"{self.file.repository}: no file {self.file.path} in commit {commit}")
-        return blobs[self.file.path]
+def _download_from(commit: str, file: RemoteFile, sha256: str | None, output: Path) -> None:
+    """Download a file, continuing an unfinished download, and verify it."""
+    part = output.with_name(f"{file.name}.{commit[:12]}.part")
+    url = _file_url(file, commit)
+    if sha256:
+        _transfer(url, part, file.size)
+        found, expected = pooch.file_hash(str(part)), sha256
+    else:
+        blobs = _list_blobs(TREE_URL.format(repository=file.repository, commit=commit))
+        if file.path not in blobs:
+            raise _WrongFileError(f"{file.repository}: no file {file.path} in commit {commit}")
+        expected, size = blobs[file.path]
+        _transfer(url, part, size)
+        found = _blob_id(part)
+    if found != expected:
+        part.unlink()
+        raise _WrongFileError(
+            f"{url}: wrong checksum ({found}, expected {expected}): the download was removed; run the "
+            "command again, and if the checksum is wrong again, do not use the file"
+        )
+    os.replace(part, output)
 
 
 def _file_url(file: RemoteFile, commit: str | None = None) -> str:
     return FILE_URL.format(repository=file.repository, commit=commit or file.commit, path=file.path)
 
 
-def _list_blobs(repository: str, commit: str) -> Mapping[str, _Blob]:
-    """Return the files of a commit by path."""
-    with _get(TREE_URL.format(repository=repository, commit=commit)) as response:
+@functools.cache
+def _list_blobs(url: str) -> Mapping[str, tuple[str, int]]:
+    """Return the blob id and size of the files of a commit, by path."""
+    with _get(url) as response:
         entries = response.json()["tree"]
-    return {entry["path"]: _Blob(entry["sha"], entry["size"]) for entry in entries if entry["type"] == "blob"}
+    return {entry["path"]: (entry["sha"], entry["size"]) for entry in entries if entry["type"] == "blob"}
 
 
 def _transfer(url: str, part: Path, size: int | None) -> None:
@@ -175,19 +158,15 @@ def _transfer(url: str, part: Path, size: int | None) -> None:
             part.unlink()
             return _transfer(url, part, size)
         done = start if resumed else 0
-        progress = tqdm(
-            desc=part.name.partition(".")[0],
-            initial=done,
-            total=size,
-            unit="B",
-            unit_scale=True,
-            leave=False,
-            disable=not sys.stderr.isatty(),
-        )
-        with part.open("ab" if resumed else "wb") as stream, progress:
+        name, hidden = part.name.partition(".")[0], not sys.stderr.isatty()
+        with (
+            part.open("ab" if resumed else "wb") as stream,
+            tqdm.wrapattr(
+                stream, "write", size, desc=name, initial=done, leave=False, disable=hidden
+            ) as progress,
+        ):
             for piece in response.iter_content(_CHUNK):
-                stream.write(piece)
-                progress.update(len(piece))
+                progress.write(piece)
 
 
 @contextmanager
@@ -201,7 +180,13 @@ def _get(url: str, start: int = 0) -> Iterator[requests.Response]:
         with requests.get(url, headers=headers, stream=True, timeout=_TIMEOUT) as response:
             answered = True
             if not response.ok and response.status_code != requests.codes.requested_range_not_satisfiable:
-                _refuse(url, host, response)
+                status = f"HTTP {response.status_code} {response.reason}".strip()
+                if response.status_code == requests.codes.not_found:
+                    raise _WrongFileError(f"{url}: {status}: the file is no longer there")
+                if response.status_code in (requests.codes.forbidden, requests.codes.too_many_requests):
+                    limit = "wait an hour, it limits requests per hour"
+                    raise FetchError(f"{host} refuses the request ({status}): {limit}")
+                raise FetchError(f"{url}: {status}: run the command again later")
             yield response
     except requests.JSONDecodeError:
         raise FetchError(f"{url}: the answer is not JSON: does the network ask for a login?") from None
@@ -215,19 +200,6 @@ def _get(url: str, start: int = 0) -> Iterator[requests.Response]:
             f"cannot reach {host} ({cause}): check the network, or run the command on another computer and "
             "copy its cache folder"
         ) from None
-
-
-def _refuse(url: str, host: str, response: requests.Response) -> None:
-    status = f"HTTP {response.status_code} {response.reason}".strip()
-    if response.status_code == requests.codes.not_found:
-        raise _WrongFileError(f"{url}: {status}: the file is no longer there")
-    if response.status_code in (requests.codes.forbidden, requests.codes.too_many_requests):
-        raise FetchError(f"{host} refuses the request ({status}): wait an hour, it limits requests per hour")
-    raise FetchError(f"{url}: {status}: run the command again later")
-
-
-def _sha256(path: Path) -> str:
-    return pooch.file_hash(str(path))
 
 
 def _blob_id(path: Path) -> str:

@@ -1,16 +1,16 @@
-"""The in-memory log: stamped odometry, IMU, wheel and scan tracks as NumPy arrays on the host.
+"""The in-memory log, independent of the file format: sensor tracks as NumPy arrays on the host.
 
-Every reader returns a `SensorLog`, which is independent of the file format. Stamps are seconds as float64
-(float32 cannot represent a Unix time), sorted and finite.
+Stamps are seconds as float64 (float32 cannot represent a Unix time), sorted and finite.
 """
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int
+from jaxtyping import Bool, Float32, Float64, Int
 
 
 class LogError(ValueError):
@@ -135,6 +135,10 @@ class ScanTrack:
         return f"ScanTrack({_count(self, 'scans')}, {self.ranges.shape[-1]} beams)"
 
 
+Track = OdometryTrack | ImuTrack | JointTrack | FixTrack | ScanTrack
+_AnyTrack = TypeVar("_AnyTrack", bound=Track)
+
+
 @dataclass(frozen=True)
 class SensorLog:
     """All tracks of a log file that this library can use.
@@ -167,6 +171,11 @@ class SensorLog:
         parts += [f"{len(self.warnings)} warnings"] if self.warnings else []
         return f"SensorLog({self.path}: {', '.join(parts) or 'nothing'})"
 
+    @property
+    def tracks(self) -> dict[str, Track]:
+        """Return the tracks that the log has, by attribute name."""
+        return {name: value for name, value in vars(self).items() if isinstance(value, Track)}
+
     def between(self, start: float, end: float) -> "SensorLog":
         """Return the part of the log between two times, both included, with its original stamps.
 
@@ -184,31 +193,29 @@ class SensorLog:
             raise LogError(
                 f"{self.path} has no scan from {start} to {end} s: scans are from 0 to {last - first:.1f} s"
             )
-        tracks = {name: getattr(self, name) for name in ("odometry", "imu", "joints", "fixes", "scans")}
-        parts = {
-            name: _within(track, first + start, first + end)
-            for name, track in tracks.items()
-            if track is not None
-        }
+        parts: dict[str, Any] = {}
+        for name, track in self.tracks.items():
+            parts[name] = select_rows(track, (track.stamps >= first + start) & (track.stamps <= first + end))
         return dataclasses.replace(self, **parts)
 
 
-_Track = TypeVar("_Track", OdometryTrack, ImuTrack, JointTrack, FixTrack, ScanTrack)
-_MOUNTINGS = ("rotation_base_imu", "pose_base_lidar")
-"""Arrays of a track without one row per stamp."""
-
-
-def _within(track: _Track, start: float, end: float) -> _Track:
-    kept = (track.stamps >= start) & (track.stamps <= end)
-    rows: dict[str, Any] = {
-        name: value[kept]
+def select_rows(track: _AnyTrack, rows: Bool[np.ndarray, "M"] | Int[np.ndarray, "N"]) -> _AnyTrack:
+    """Return the track with only the given rows of all arrays that have one row per stamp."""
+    mountings = ("rotation_base_imu", "pose_base_lidar")
+    selected = {
+        name: value[rows]
         for name, value in vars(track).items()
-        if isinstance(value, np.ndarray) and name not in _MOUNTINGS
+        if isinstance(value, np.ndarray) and name not in mountings
     }
-    return dataclasses.replace(track, **rows)
+    return dataclasses.replace(track, **selected)
 
 
-def _count(track: OdometryTrack | ImuTrack | JointTrack | FixTrack | ScanTrack, unit: str) -> str:
+def list_counts(counts: Mapping[str, int]) -> str:
+    """Return the names and counts as text, sorted by name: `/odom (5), /scan (2)`."""
+    return ", ".join(f"{name} ({count})" for name, count in sorted(counts.items()))
+
+
+def _count(track: Track, unit: str) -> str:
     """Describe the number of rows of a track, its topic and its duration."""
     stamps = track.stamps
     duration = f", {stamps[-1] - stamps[0]:.1f} s" if len(stamps) else ""

@@ -5,8 +5,8 @@ Format: http://wiki.ros.org/map_server and nav2_map_server.
 """
 
 import json
-import math
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,11 +15,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64
 
+from jaxslam.io.files import one_line_errors
+
 OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.25
 
 _OCCUPIED_PIXEL, _FREE_PIXEL, _UNKNOWN_PIXEL = 0, 254, 205
 _MODES = ("trinary", "scale", "raw")
+_FINEST, _COARSEST = 1e-4, 1e3  # Smallest and largest plausible side of a cell, meters.
+_FARTHEST = 1e8  # Largest plausible distance from the origin of the coordinates, meters.
 
 
 class MapError(ValueError):
@@ -65,7 +69,7 @@ def write_map(
     Pixels are 0 (occupied), 254 (free) and 205 (unknown).
 
     Args:
-        path: the yaml file; the image has the same name with the suffix `.pgm`.
+        path: the yaml file.
         occupancy_probability: `[H, W]` in [0, 1], row 0 at the lowest y; NaN is unknown. Above
             `occupied_threshold` a cell is occupied, below `free_threshold` free, else unknown.
         resolution: side of a cell, meters.
@@ -79,8 +83,7 @@ def write_map(
     path = Path(path)
     if path.suffix not in (".yaml", ".yml"):
         raise MapError(f"{path}: not the name of a yaml file: end it in .yaml")
-    _check_geometry(path, resolution, origin)
-    _check_thresholds(path, free_threshold, occupied_threshold)
+    _check_numbers(path, resolution, origin, free_threshold, occupied_threshold)
     if occupancy_probability.size == 0:
         raise MapError(f"{path}: the map has no cells: shape {occupancy_probability.shape}")
     with np.errstate(invalid="ignore"):
@@ -128,11 +131,8 @@ def read_map(path: str | Path) -> OccupancyMap:
     """
     path = Path(path)
     entries = _read_yaml(path)
-    missing = [
-        key
-        for key in ("image", "resolution", "origin", "occupied_thresh", "free_thresh")
-        if key not in entries
-    ]
+    required = ("image", "resolution", "origin", "occupied_thresh", "free_thresh")
+    missing = [key for key in required if key not in entries]
     if missing:
         raise MapError(f"{path}: missing keys: {', '.join(missing)}")
     resolution = _number(path, entries, "resolution")
@@ -140,10 +140,9 @@ def read_map(path: str | Path) -> OccupancyMap:
     if not isinstance(origin, list) or len(origin) != 3:
         raise MapError(f"{path}: origin is {origin!r}: expected [x, y, yaw]")
     pose = tuple(_number(path, {"origin": value}, "origin") for value in origin)
-    _check_geometry(path, resolution, pose)
     occupied_thresh = _number(path, entries, "occupied_thresh")
     free_thresh = _number(path, entries, "free_thresh")
-    _check_thresholds(path, free_thresh, occupied_thresh)
+    _check_numbers(path, resolution, pose, free_thresh, occupied_thresh)
     mode = entries.get("mode", "trinary")
     if mode not in _MODES:
         raise MapError(f"{path}: mode is {mode!r}: expected one of {', '.join(_MODES)}")
@@ -155,12 +154,6 @@ def read_map(path: str | Path) -> OccupancyMap:
     occupied = known & (occupancy > occupied_thresh)
     free = known & (occupancy < free_thresh)
     return OccupancyMap(occupied[::-1].copy(), free[::-1].copy(), resolution, np.array(pose), str(path))
-
-
-_FINEST, _COARSEST = 1e-4, 1e3
-"""Smallest and largest plausible side of a cell, meters."""
-_FARTHEST = 1e8
-"""Largest plausible distance from the origin of the coordinates, meters."""
 
 
 def _read_image(path: Path) -> tuple[Float64[np.ndarray, "H W"], Float64[np.ndarray, "H W"]]:
@@ -215,11 +208,8 @@ def _read_yaml(path: Path) -> Mapping[str, Any]:
             f"{path}: reading maps needs the ruamel.yaml package: pip install 'jaxslam[cli]'"
         ) from None
     try:
-        entries = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise MapError(f"{path}: no such file") from None
-    except OSError as error:
-        raise MapError(f"{path}: cannot be read: {error.strerror}") from None
+        with one_line_errors(path, MapError):
+            entries = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError:
         raise MapError(f"{path}: not a text file: give the map's .yaml, not its image") from None
     except YAMLError as error:
@@ -232,27 +222,21 @@ def _read_yaml(path: Path) -> Mapping[str, Any]:
 
 def _number(path: Path, entries: Mapping[str, Any], key: str, default: float | None = None) -> float:
     value = entries.get(key, default)
-    try:
-        number = float(value) if isinstance(value, (int, float)) else math.nan
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
+    # An integer can be too large for a float.
+    if not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
         raise MapError(f"{path}: {key} is {repr(value)[:40]}: expected a number")
-    return number
+    return float(value)
 
 
-def _check_geometry(path: Path, resolution: float, origin: tuple[float, ...]) -> None:
-    if not (math.isfinite(resolution) and resolution > 0):
-        raise MapError(f"{path}: resolution is {resolution!r}: expected meters per cell, above 0")
+def _check_numbers(
+    path: Path, resolution: float, origin: tuple[float, ...], free: float, occupied: float
+) -> None:
     if not _FINEST <= resolution <= _COARSEST:
         raise MapError(
-            f"{path}: resolution is {resolution:g} m per cell: expected {_FINEST:g} to {_COARSEST:g}"
+            f"{path}: resolution is {resolution!r}: expected {_FINEST:g} to {_COARSEST:g} meters per cell"
         )
     if len(origin) != 3 or not np.isfinite(origin).all() or np.abs(origin).max() > _FARTHEST:
         raise MapError(f"{path}: origin is {origin!r}: expected x and y up to {_FARTHEST:g} m, and yaw")
-
-
-def _check_thresholds(path: Path, free: float, occupied: float) -> None:
     if not 0 <= free < occupied <= 1:
         raise MapError(
             f"{path}: free_thresh {free:g} and occupied_thresh {occupied:g}: expected "

@@ -53,28 +53,28 @@ class PublicLog:
     command: Literal["run", "localize", "fuse"] = "run"
 
 
-def _benchmark_file(file: str, name: str, commit: str, size: int | None = None) -> RemoteFile:
-    path = f"DataSet/RawData/{file}"
-    return RemoteFile("xiaofeng419/SLAM-2D-LIDAR-SCAN", commit, path, name, size=size)
+def _at_commit(repository: str, commit: str, path: str, size: int | None = None) -> RemoteFile:
+    return RemoteFile(repository, commit, path, path.rpartition("/")[2], size=size)
 
 
-def _relations(file: str, size: int | None = None) -> RemoteFile:
-    return _benchmark_file(file, file, "50506031f42018fc03ea5ca12c5350717726b83e", size)
+def _benchmark_file(
+    name: str, size: int | None = None, commit: str = "50506031f42018fc03ea5ca12c5350717726b83e"
+) -> RemoteFile:
+    return _at_commit("xiaofeng419/SLAM-2D-LIDAR-SCAN", commit, f"DataSet/RawData/{name}", size)
 
 
 def _corrected(building: str) -> RemoteFile:
-    commit = "8af88b28759f8a48b1bf33083a85f2013907c41d"
-    name = f"{building}-corrected.log.gz"
-    return RemoteFile("acschaefer/ple", commit, f"data/carmen/{name}", name)
+    path = f"data/carmen/{building}-corrected.log.gz"
+    return _at_commit("acschaefer/ple", "8af88b28759f8a48b1bf33083a85f2013907c41d", path)
 
 
 def _wean(path: str) -> RemoteFile:
-    commit = "d270c994908dfc9b7dd1fe0a87adcf3ac5f77c53"
-    return RemoteFile("Mesywang/Particle-Filter-Localization", commit, path, path.rpartition("/")[2])
+    repository = "Mesywang/Particle-Filter-Localization"
+    return _at_commit(repository, "d270c994908dfc9b7dd1fe0a87adcf3ac5f77c53", path)
 
 
 def _mines(name: str, commit: str, size: int | None = None) -> RemoteFile:
-    return RemoteFile("simondlevy/BreezySLAM", commit, f"examples/{name}", name, size=size)
+    return _at_commit("simondlevy/BreezySLAM", commit, f"examples/{name}", size)
 
 
 _NOT_STATED = "not stated by the repository"
@@ -99,12 +99,7 @@ PUBLIC_LOGS = {
             "Accuracy, measured by the benchmark's relations. The log has only the scans that another "
             "program mapped: about one per half meter or half radian.",
             _BENCHMARK,
-            (
-                _benchmark_file(
-                    "intel.gfs.log", "intel.gfs.log", "50506031f42018fc03ea5ca12c5350717726b83e", 1742833
-                ),
-                _relations("intel.relations", 265713),
-            ),
+            (_benchmark_file("intel.gfs.log", 1742833), _benchmark_file("intel.relations", 265713)),
             "gfs_log",
         ),
         PublicLog(
@@ -113,12 +108,7 @@ PUBLIC_LOGS = {
             "Comparison with another program's trajectory, which is not ground truth.",
             _RADISH,
             (
-                _benchmark_file(
-                    "csail.corrected.gfs",
-                    "csail.corrected.gfs",
-                    "53dae5f8b897ff7f10cb317b4d7df98158f63fc5",
-                    3425229,
-                ),
+                _benchmark_file("csail.corrected.gfs", 3425229, "53dae5f8b897ff7f10cb317b4d7df98158f63fc5"),
                 _corrected("csail"),
             ),
             "gfs",
@@ -164,13 +154,16 @@ PUBLIC_LOGS = {
         ),
         _radish("aces", "ACES building, Austin: four large nested loops", "aces"),
         _radish(
-            "fr079", "Freiburg, building 079; with relations", "freiburg-079", _relations("fr079.relations")
+            "fr079",
+            "Freiburg, building 079; with relations",
+            "freiburg-079",
+            _benchmark_file("fr079.relations"),
         ),
         _radish(
             "mit-killian",
             "MIT, Killian Court and the infinite corridor: very long loops; with relations",
             "infinite-corridor",
-            _relations("mit-killian.relations", 426269),
+            _benchmark_file("mit-killian.relations", 426269),
         ),
         _radish("fr101", "Freiburg, building 101: an office corridor", "freiburg-101"),
         _radish("fr-campus", "Freiburg, campus: outdoors", "freiburg-campus"),

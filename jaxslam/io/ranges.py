@@ -1,7 +1,9 @@
 """Cleaning of range readings: detection of "no return", and of a maximum range missing from the log."""
 
+from collections.abc import Sequence
+
 import numpy as np
-from jaxtyping import Float, Float32, Float64
+from jaxtyping import Float, Float32, Float64, Int64
 
 # Status codes of SICK LMS scanners (dazzled, overflow, no echo): the largest integers of 13, 14 and
 # 15 bits. The unit is 1 mm or 1 cm, depending on the configuration.
@@ -23,6 +25,17 @@ def clean_ranges(
     with np.errstate(invalid="ignore"):
         usable = (ranges > 0) & (ranges >= range_min) & (ranges < range_max)
     return np.where(usable, ranges, np.nan).astype(np.float32)
+
+
+def pad_ranges(
+    scans: Sequence[Float[np.ndarray, "_"]],
+) -> tuple[Float64[np.ndarray, "T B"], Int64[np.ndarray, "T"]]:
+    """Return the readings of all scans, padded with NaN at the end, and the number of beams of each."""
+    num_beams = np.array([len(readings) for readings in scans], dtype=np.int64)
+    ranges = np.full((len(scans), int(num_beams.max())), np.nan)
+    for row, readings in zip(ranges, scans, strict=True):
+        row[: len(readings)] = readings
+    return ranges, num_beams
 
 
 def saturated_reading(ranges: Float64[np.ndarray, "T B"]) -> float | None:

@@ -5,15 +5,11 @@ from pathlib import Path
 from jaxslam.io.bag.file import MCAP_MAGIC, ROS1_MAGIC, SQLITE_MAGIC
 from jaxslam.io.bag.reader import read_bag
 from jaxslam.io.carmen.reader import read_carmen
+from jaxslam.io.files import GZIP_MAGIC, read_head
 from jaxslam.io.log import LogError, SensorLog
 
-_GZIP_MAGIC = b"\x1f\x8b"
 _CARMEN_SUFFIXES = (".log", ".clf", ".gz", ".carmen")
 _BAG_SUFFIXES = (".bag", ".mcap", ".db3")
-_KINDS = (
-    "a CARMEN log (.log, .clf, also .gz), a ROS 1 bag (.bag), a ROS 2 bag (.mcap, .db3, or "
-    "its folder with metadata.yaml)"
-)
 
 
 def read_log(
@@ -27,15 +23,16 @@ def read_log(
 ) -> SensorLog:
     """Read a log of any kind; see `read_carmen` and `read_bag`.
 
-    The kind is detected from the content (gzip, ROS 1 bag, MCAP, SQLite), then from the suffix.
+    The kind is detected from the content (gzip, ROS 1 bag, MCAP, SQLite), then from the suffix. Topics are
+    for bags only; a topic that is None is detected.
 
     Args:
         path: the log file, or the folder of a ROS 2 bag.
-        scan_topic: topic of the scans (bags only); None detects this and the other topics.
-        odometry_topic: topic of the wheel odometry (bags only).
-        imu_topic: topic of the inertial measurements (bags only).
-        joint_topic: topic of the wheel angles (bags only).
-        fix_topic: topic of the satellite fixes (bags only).
+        scan_topic: topic of the scans.
+        odometry_topic: topic of the wheel odometry.
+        imu_topic: topic of the inertial measurements.
+        joint_topic: topic of the wheel angles.
+        fix_topic: topic of the satellite fixes.
 
     Returns:
         The log; tracks without data are None.
@@ -62,17 +59,14 @@ def read_log(
 def _is_bag(path: Path) -> bool:
     if path.is_dir():
         return True
-    if not path.exists():
-        raise LogError(f"{path}: no such file")
-    try:
-        with path.open("rb") as stream:
-            head = stream.read(16)
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror}") from None
+    head = read_head(path)
     if head.startswith((ROS1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC)):
         return True
-    if head.startswith(_GZIP_MAGIC) or path.suffix in _CARMEN_SUFFIXES:
+    if head.startswith(GZIP_MAGIC) or path.suffix in _CARMEN_SUFFIXES:
         return False
     if path.suffix in _BAG_SUFFIXES:
         return True
-    raise LogError(f"{path}: unknown kind of log: expected {_KINDS}")
+    raise LogError(
+        f"{path}: unknown kind of log: expected a CARMEN log (.log, .clf, also .gz), a ROS 1 bag (.bag), "
+        "a ROS 2 bag (.mcap, .db3, or its folder with metadata.yaml)"
+    )

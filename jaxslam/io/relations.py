@@ -40,7 +40,6 @@ def read_relations(path: str | Path) -> Relations:
     Raises:
         LogError: the file is missing or empty, or a line is not a relation (the message has its number).
     """
-    rows = read_number_rows(Path(path), 8, "t1 t2 x y z roll pitch yaw")
-    table = np.array([row for _, row in rows], dtype=np.float64)
+    table, _ = read_number_rows(Path(path), 8, "t1 t2 x y z roll pitch yaw")
     deltas = np.stack([table[:, 2], table[:, 3], se2.wrap(table[:, 7])], axis=1)
     return Relations(table[:, 0], table[:, 1], deltas)

@@ -1,41 +1,41 @@
-"""Repair of time stamps: sort jitter, detect clocks that jump back, spread repeated stamps."""
-
-from typing import NamedTuple
+"""Time stamps: find the nearest one, sort jitter, detect clocks that jump back, spread repeated stamps."""
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64, Int64, Real
 
 # Messages of several processes reach a logger out of order by milliseconds, or over a network by a few
 # tenths of a second. A clock that was set back jumps by more; then the true order is unknown.
 MAX_BACKWARD_S = 1.0
 
 
-class BackwardSteps(NamedTuple):
-    """Extent of backward steps in stamps.
-
-    Attributes:
-        num_backward: number of stamps smaller than an earlier one.
-        largest: the largest lag behind an earlier stamp, seconds; 0 for sorted stamps.
-        row: row of that lag.
-    """
-
-    num_backward: int
-    largest: float
-    row: int
-
-
-def backward_steps(stamps: Float64[np.ndarray, "M"]) -> BackwardSteps:
-    """Measure the disorder of stamps `[M]` in seconds."""
+def largest_step_back(stamps: Float64[np.ndarray, "M"]) -> tuple[float, int]:
+    """Return the largest lag behind an earlier stamp, in seconds (0 for sorted stamps), and its row."""
     if stamps.size == 0:
-        return BackwardSteps(0, 0.0, 0)
+        return 0.0, 0
     lag = np.maximum.accumulate(stamps) - stamps
     row = int(np.argmax(lag))
-    return BackwardSteps(int(np.count_nonzero(lag > 0)), float(lag[row]), row)
+    return float(lag[row]), row
 
 
-def sorting_order(stamps: Float64[np.ndarray, "M"]) -> Int64[np.ndarray, "M"]:
-    """Return the row order that sorts the stamps; equal stamps keep the order of the file."""
+def sorting_order(stamps: Float64[np.ndarray, "M"], name: str, warnings: list[str]) -> Int64[np.ndarray, "M"]:
+    """Return the row order that sorts the stamps; equal stamps keep the order of the file.
+
+    If stamps run back, a line about the messages called `name` is appended to `warnings`.
+    """
+    num_back = np.count_nonzero(stamps < np.maximum.accumulate(stamps))
+    if num_back:
+        largest, _ = largest_step_back(stamps)
+        warnings.append(f"{name}: {num_back} stamps run back by up to {largest:.3f} s: sorted by time")
     return np.argsort(stamps, kind="stable").astype(np.int64)
+
+
+def nearest_rows(
+    values: Float64[np.ndarray, "M"], queries: Real[np.ndarray, "*any"]
+) -> Int64[np.ndarray, "*any"]:
+    """Return the row of the value nearest to each query, the earlier one of a tie; `values` are sorted."""
+    after = np.clip(np.searchsorted(values, queries), 0, len(values) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.where(queries - values[before] <= values[after] - queries, before, after)
 
 
 def spread_repeats(stamps: Float64[np.ndarray, "M"]) -> tuple[Float64[np.ndarray, "M"], int]:

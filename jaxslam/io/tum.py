@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from jaxslam.core.trajectory import Trajectory, yaw_from_quaternion
+from jaxslam.io.files import one_line_errors
 from jaxslam.io.log import LogError
 
 
@@ -54,21 +55,20 @@ def read_tum(path: str | Path) -> Trajectory:
         LogError: the file is missing or empty, or a line is not a pose (the message has its number).
     """
     path = Path(path)
-    rows = read_number_rows(path, 8, "timestamp tx ty tz qx qy qz qw")
-    table = np.array([row for _, row in rows], dtype=np.float64)
+    table, line_numbers = read_number_rows(path, 8, "timestamp tx ty tz qx qy qz qw")
     quaternions = table[:, 4:8]
     null = np.flatnonzero(np.linalg.norm(quaternions, axis=1) < 1e-6)
     if null.size:
         raise LogError(
-            f"{path}:{rows[int(null[0])][0]}: the quaternion is zero: write a unit quaternion "
+            f"{path}:{line_numbers[null[0]]}: the quaternion is zero: write a unit quaternion "
             "(0 0 0 1 for no rotation)"
         )
     poses = np.stack([table[:, 1], table[:, 2], yaw_from_quaternion(quaternions)], axis=1)
     return Trajectory(table[:, 0], poses)
 
 
-def read_number_rows(path: Path, columns: int, names: str) -> list[tuple[int, list[float]]]:
-    """Read a table of finite numbers from a text file, each row with its line number.
+def read_number_rows(path: Path, columns: int, names: str) -> tuple[Float64[np.ndarray, "M C"], list[int]]:
+    """Read a table of finite numbers from a text file; also return the line number of each row.
 
     Args:
         path: text file; blank lines and lines that start with `#` are skipped.
@@ -79,14 +79,11 @@ def read_number_rows(path: Path, columns: int, names: str) -> list[tuple[int, li
         LogError: the file cannot be read, has no row, or a line is not `columns` finite numbers.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise LogError(f"{path}: no such file") from None
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror}") from None
+        with one_line_errors(path):
+            text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
         raise LogError(f"{path}: not a text file: expected lines '{names}'") from None
-    rows = []
+    rows, line_numbers = [], []
     for number, line in enumerate(text.splitlines(), start=1):
         fields = line.replace(",", " ").split()
         if not fields or fields[0].startswith("#"):
@@ -99,7 +96,8 @@ def read_number_rows(path: Path, columns: int, names: str) -> list[tuple[int, li
             raise LogError(f"{path}:{number}: {len(row)} fields, not {columns}: expected '{names}'")
         if not np.isfinite(row).all():
             raise LogError(f"{path}:{number}: a value is not finite: remove this line")
-        rows.append((number, row))
+        rows.append(row)
+        line_numbers.append(number)
     if not rows:
         raise LogError(f"{path}: has no data: expected lines '{names}'")
-    return rows
+    return np.array(rows), line_numbers

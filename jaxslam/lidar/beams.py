@@ -26,13 +26,9 @@ class ScanPoints(eqx.Module):
 
 
 def wall_jacobian(ends: ScanPoints, heading: Float[Array, ""]) -> Float[Array, "3 B"]:
-    """Return how far each end point moves across its wall per meter along x and y, and per radian.
+    """Return how far each end point moves across its wall per meter along world x and y, and per radian.
 
-    Entries are zero where the wall's normal is unknown.
-
-    Args:
-        ends: the scan, base frame.
-        heading: heading of the base in the world, radians; x and y are world axes.
+    Entries are zero where the wall's normal is unknown. `heading` is that of the base in the world, radians.
     """
     arms, normals = se2.rotate(heading, ends.points), se2.rotate(heading, ends.normals)
     lever = arms[:, 0] * normals[:, 1] - arms[:, 1] * normals[:, 0]
@@ -42,9 +38,7 @@ def wall_jacobian(ends: ScanPoints, heading: Float[Array, ""]) -> Float[Array, "
 def scan_points(scan: LidarScan, max_beams: int | None = None) -> ScanPoints:
     """Return the end points of a scan's beams, and the normals of the walls they hit, in the base frame.
 
-    Args:
-        scan: ranges `[B]` in meters and mask `[B]`.
-        max_beams: maximum number of beams, evenly spread over the scan; None keeps all.
+    At most `max_beams` beams are used, evenly spread over the scan; None keeps all.
     """
     angles, ranges, valid = _beams(scan, max_beams)
     # Materialized: XLA would repeat both for every particle, and each point for every neighbor's normal.

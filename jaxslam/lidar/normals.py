@@ -31,10 +31,8 @@ def surface_normals(points: Float[Array, "B 2"], valid: Bool[Array, "B"]) -> Flo
     num_beams = points.shape[0]
     step = points[1:] - points[:-1]
     gap = jnp.where(valid[1:] & valid[:-1], jnp.hypot(step[:, 0], step[:, 1]), jnp.inf)
-    before, after = (
-        jnp.pad(gap, (1, 0), constant_values=jnp.inf),
-        jnp.pad(gap, (0, 1), constant_values=jnp.inf),
-    )
+    before = jnp.pad(gap, (1, 0), constant_values=jnp.inf)
+    after = jnp.pad(gap, (0, 1), constant_values=jnp.inf)
     shorter, longer = jnp.minimum(before, after), jnp.maximum(before, after)
     far_wall = (longer < _LARGEST_RATIO * shorter) & (longer < _LONGEST_GAP)
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from jaxslam.core import se2
 from jaxslam.core.flags import Flag
 from jaxslam.core.linalg import cholesky
-from jaxslam.core.types import LidarScan, StepInputs
+from jaxslam.core.types import LidarScan, Scalar, StepInputs
 from jaxslam.core.validation import require_at_least_zero
 from jaxslam.grid.known_map import KnownMap
 from jaxslam.lidar.beams import end_points, inlier_ratio
@@ -87,10 +87,10 @@ class Agreement(eqx.Module):
         lost_below: share of matching beams below which the estimate is considered wrong.
     """
 
-    min_weight: float | Float[Array, ""] = 0.9
-    max_deviation: float | Float[Array, ""] = 0.5
-    near: float | Float[Array, ""] = 0.3
-    lost_below: float | Float[Array, ""] = 0.4
+    min_weight: Scalar = 0.9
+    max_deviation: Scalar = 0.5
+    near: Scalar = 0.3
+    lost_below: Scalar = 0.4
 
     def __check_init__(self):
         require_at_least_zero(self)
@@ -135,19 +135,13 @@ class AMCL(eqx.Module):
     recovery: Recovery
     clustering: Clustering
     agreement: Agreement
-    resample_below: float | Float[Array, ""]
-    min_valid_beams: float | Float[Array, ""]
+    resample_below: Scalar
+    min_valid_beams: Scalar
     range_network: RangeNetwork | None = None
     max_particles: int = eqx.field(static=True, kw_only=True)
 
     def init(self, key: PRNGKeyArray, pose0: Float[Array, "3"], covariance: Float[Array, "3 3"]) -> AMCLState:
-        """Return particles around a start pose.
-
-        Args:
-            key: PRNG key.
-            pose0: `[3]` (m, m, rad, world frame).
-            covariance: `[3, 3]` of `pose0` (m², m·rad, rad²); zeros put all particles at `pose0`.
-        """
+        """Return particles around a start pose (m, m, rad, world frame); zero covariance puts all there."""
         factor = cholesky(covariance.astype(jnp.float32), jnp.full(3, 1e-12, jnp.float32))
         offsets = jax.random.normal(key, (self.max_particles, 3), jnp.float32) @ factor.T
         poses = pose0.astype(jnp.float32)[None] + offsets
@@ -172,10 +166,8 @@ class AMCL(eqx.Module):
         inputs = with_corrected_ranges(self.range_network, inputs)
         sizes = self._sizes()
         stage = jnp.sum(state.num_particles > jnp.asarray(sizes[:-1], jnp.int32), dtype=jnp.int32)
-        branches = [
-            partial(self._step_of, now, after)
-            for now, after in zip(sizes, sizes[1:] + sizes[-1:], strict=True)
-        ]
+        now_and_after = zip(sizes, sizes[1:] + sizes[-1:], strict=True)
+        branches = [partial(self._step_of, now, after) for now, after in now_and_after]
         return jax.lax.switch(stage, branches, key, state, inputs)
 
     def _sizes(self) -> list[int]:
@@ -212,7 +204,9 @@ class AMCL(eqx.Module):
         log_weights = normalize(jnp.where(is_informative, after, before))
         weights = jnp.exp(log_weights)
 
-        estimate = self._estimate(moved, weights)
+        bins = self.bins.index(self.map, moved)
+        start = heaviest_particle(moved, weights, bins, self.bins.count)
+        estimate = self.clustering.around(moved, weights, start)
         score = self._inlier_ratio(inputs.scan, estimate.mean)
         agreed = estimate.weight >= self.agreement.min_weight
         converged = agreed & (estimate.deviation <= self.agreement.max_deviation)
@@ -228,27 +222,29 @@ class AMCL(eqx.Module):
         random_share = jnp.where(enough, self.recovery.share(averages, lost), 0.0)
         is_due = ess < self.resample_below * num_particles.astype(jnp.float32)
         resampled = enough & (is_due | (random_share > 0.0))
+        room = size_after - size
         num_next, next_poses, next_log_weights, num_random = jax.lax.cond(
             resampled,
-            partial(self._resample, size_after),
-            partial(_keep, size_after),
-            (key_draw, moved, log_weights, num_particles, random_share),
+            lambda: self._resample(key_draw, moved, log_weights, random_share, size_after),
+            lambda: (
+                num_particles,
+                jnp.pad(moved, ((0, room), (0, 0))),
+                jnp.pad(log_weights, (0, room)),
+                jnp.int32(0),
+            ),
         )
-        inactive = jnp.arange(size_after) >= num_next
-        next_log_weights = jnp.where(inactive, -jnp.inf, next_log_weights)
+        next_log_weights = jnp.where(jnp.arange(size_after) < num_next, next_log_weights, -jnp.inf)
         state = AMCLState(
             poses=state.poses.at[:size_after].set(next_poses),
-            log_weights=jnp.full(self.max_particles, -jnp.inf, jnp.float32)
-            .at[:size_after]
-            .set(next_log_weights),
+            log_weights=jnp.full_like(state.log_weights, -jnp.inf).at[:size_after].set(next_log_weights),
             num_particles=num_next,
             averages=averages,
             converged=converged & ~lost,
             num_steps=state.num_steps + 1,
         )
-        flags = jnp.where(enough, 0, Flag.FEW_VALID_BEAMS.value) | jnp.where(
-            jnp.all(finite[:, 0] | ~active), 0, Flag.NONFINITE_POSE.value
-        )
+        all_finite = jnp.all(finite[:, 0] | ~active)
+        few = jnp.where(enough, 0, Flag.FEW_VALID_BEAMS.value)
+        nonfinite = jnp.where(all_finite, 0, Flag.NONFINITE_POSE.value)
         info = AMCLInfo(
             estimate=estimate,
             num_particles=num_particles,
@@ -258,14 +254,9 @@ class AMCL(eqx.Module):
             converged=converged,
             lost=lost,
             match_score=score,
-            flags=flags.astype(jnp.int32),
+            flags=(few | nonfinite).astype(jnp.int32),
         )
         return state, info
-
-    def _estimate(self, poses: Float[Array, "n 3"], weights: Float[Array, "n"]) -> Cluster:
-        bins = self.bins.index(self.map, poses)
-        start = heaviest_particle(poses, weights, bins, self.bins.count)
-        return self.clustering.around(poses, weights, start)
 
     def _inlier_ratio(self, scan: LidarScan, pose: Float[Array, "3"]) -> Float[Array, ""]:
         """Return the share of valid beams that end near an obstacle at a pose; NaN without a valid beam."""
@@ -275,15 +266,17 @@ class AMCL(eqx.Module):
         return jnp.where(jnp.any(valid), inlier_ratio(inliers, valid), jnp.nan)
 
     def _resample(
-        self, count: int, particles: "_Particles"
+        self,
+        key: PRNGKeyArray,
+        poses: Float[Array, "n 3"],
+        log_weights: Float[Array, "n"],
+        random_share: Float[Array, ""],
+        count: int,
     ) -> tuple[Int[Array, ""], Float[Array, "count 3"], Float[Array, "count"], Int[Array, ""]]:
         """Draw as many particles as are needed, each independently, by weight or from the whole map.
 
-        Returns:
-            Their number; `[count, 3]` poses and `[count]` log-weights, of which the first entries up to this
-            number are used; and how many of them are from the whole map.
+        Return their number, poses and log-weights, and how many of them are from the whole map.
         """
-        key, poses, log_weights, _, random_share = particles
         key_pick, key_which, key_random = jax.random.split(key, 3)
         cumulative = cumulative_weights(jnp.exp(log_weights))
         positions = jax.random.randint(key_pick, (count,), jnp.uint32(0), cumulative[-1], jnp.uint32)
@@ -300,18 +293,3 @@ class AMCL(eqx.Module):
         num_random = jnp.sum(is_random & (jnp.arange(count) < num_needed), dtype=jnp.int32)
         uniform = jnp.full(count, -jnp.log(num_needed.astype(jnp.float32)))
         return num_needed, drawn, uniform, num_random
-
-
-_Particles = tuple[PRNGKeyArray, Float[Array, "n 3"], Float[Array, "n"], Int[Array, ""], Float[Array, ""]]
-"""Key, poses, log-weights, number of particles and share of random particles."""
-
-
-def _keep(
-    count: int, particles: _Particles
-) -> tuple[Int[Array, ""], Float[Array, "count 3"], Float[Array, "count"], Int[Array, ""]]:
-    """Return the particles unchanged, in arrays of `count` entries."""
-    _, poses, log_weights, num_particles, _ = particles
-    size = poses.shape[0]
-    room = jnp.zeros((count, 3), jnp.float32).at[:size].set(poses)
-    weights = jnp.full(count, -jnp.inf, jnp.float32).at[:size].set(log_weights)
-    return num_particles, room, weights, jnp.zeros((), jnp.int32)

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxslam.core import se2
+from jaxslam.core.types import Scalar
 from jaxslam.core.validation import require_at_least_zero
 
 
@@ -33,11 +34,7 @@ def heaviest_particle(
 ) -> Float[Array, "3"]:
     """Return the heaviest particle of the heaviest bin, so that an isolated particle is never chosen.
 
-    Args:
-        poses: `[N, 3]` (m, m, rad, world frame).
-        weights: `[N]`; 0 for unused particles.
-        bins: `[N]` bin of each particle.
-        num_bins: total number of bins (static).
+    The weights of unused particles are 0; `num_bins` is the total number of bins (static).
     """
     totals = jax.ops.segment_sum(weights, bins, num_bins)[bins]
     in_heaviest = totals >= jnp.max(totals)
@@ -55,8 +52,8 @@ class Clustering(eqx.Module):
         num_shifts: number of window shifts (static).
     """
 
-    reach: float | Float[Array, ""] = 1.0
-    reach_rotation: float | Float[Array, ""] = 0.5
+    reach: Scalar = 1.0
+    reach_rotation: Scalar = 0.5
     num_shifts: int = eqx.field(static=True, default=5)
 
     def __check_init__(self):
@@ -65,12 +62,9 @@ class Clustering(eqx.Module):
     def around(
         self, poses: Float[Array, "N 3"], weights: Float[Array, "N"], start: Float[Array, "3"]
     ) -> Cluster:
-        """Return the cluster found from a start pose.
+        """Return the cluster found from a start pose `[3]` in or near it, such as its heaviest particle.
 
-        Args:
-            poses: `[N, 3]` (m, m, rad, world frame).
-            weights: `[N]` normalized; 0 for unused particles.
-            start: `[3]` in or near the cluster, such as its heaviest particle.
+        The weights are normalized, and 0 for unused particles; poses are in the world frame (m, m, rad).
         """
 
         def member(mean: Float[Array, "3"]) -> tuple[Float[Array, "N"], Float[Array, "N 3"]]:

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxslam.core.types import Scalar
 from jaxslam.core.validation import require_at_least_zero
 from jaxslam.grid.known_map import KnownMap
 
@@ -26,13 +27,7 @@ class Bins(eqx.Module):
 
     @classmethod
     def over(cls, map: KnownMap, translation: float, rotation: float) -> "Bins":
-        """Return bins over a map.
-
-        Args:
-            map: the map.
-            translation: side of a bin, meters.
-            rotation: width of a bin, radians; adjusted so that bins divide the circle equally.
-        """
+        """Return bins of a side in meters, and a width in radians adjusted to divide the circle equally."""
         height, width = map.shape
         resolution = float(map.resolution)
         return cls(
@@ -80,9 +75,9 @@ class KLDSampling(eqx.Module):
         ε = 0.05, z = 2.326: 1 bin needs `min_particles`, 2 bins 66 particles, 10 need 217 and 100 need 1347.
     """
 
-    error: float | Float[Array, ""] = 0.05
-    quantile: float | Float[Array, ""] = 2.326
-    min_particles: float | Float[Array, ""] = 500.0
+    error: Scalar = 0.05
+    quantile: Scalar = 2.326
+    min_particles: Scalar = 500.0
 
     def __check_init__(self):
         require_at_least_zero(self, positive=("error", "min_particles"))
@@ -98,12 +93,8 @@ class KLDSampling(eqx.Module):
     def num_needed(self, bins: Int[Array, "N"], num_bins: int) -> Int[Array, ""]:
         """Return how many samples of a sequence suffice: the first n that meets the bound of its n samples.
 
-        Args:
-            bins: `[N]` bin of each sample, in the order in which they were drawn independently.
-            num_bins: total number of bins (static).
-
-        Returns:
-            1 to N; N if all samples together do not suffice.
+        The samples, of which `bins` `[N]` are the bins, were drawn independently in this order; `num_bins` is
+        the total number of bins (static). The result is N if all samples together do not suffice.
         """
         count = bins.shape[0]
         order = jnp.arange(count, dtype=jnp.int32)

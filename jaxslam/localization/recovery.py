@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from jaxslam.core.types import Scalar
 from jaxslam.core.validation import require_at_least_zero
 
 
@@ -54,10 +55,10 @@ class Recovery(eqx.Module):
         Thrun, Burgard, Fox 2005, table 8.3.
     """
 
-    slow: float | Float[Array, ""] = 0.01
-    fast: float | Float[Array, ""] = 0.2
-    drop: float | Float[Array, ""] = 0.85
-    lost_share: float | Float[Array, ""] = 0.3
+    slow: Scalar = 0.01
+    fast: Scalar = 0.2
+    drop: Scalar = 0.85
+    lost_share: Scalar = 0.3
 
     def __check_init__(self):
         require_at_least_zero(self, positive=("drop",))
@@ -68,19 +69,16 @@ class Recovery(eqx.Module):
     def update(
         self, averages: Averages, log_likelihood: Float[Array, ""], misfit: Bool[Array, ""]
     ) -> Averages:
-        """Return the averages after a scan.
+        """Return the averages after a scan; `misfit` if the scan does not match the map at the estimate.
 
-        Args:
-            averages: the averages before the scan.
-            log_likelihood: natural log of the scan's mean likelihood over the particles, per beam; −inf if
-                the scan fits no particle. A NaN leaves the averages unchanged.
-            misfit: whether the scan does not match the map at the estimate.
+        The natural log of the scan's mean likelihood over the particles, per beam, is −inf if the scan fits
+        no particle. A NaN leaves the averages unchanged.
         """
         likelihood = jnp.exp(log_likelihood)
-        told = jnp.isfinite(likelihood)
-        slow = jnp.where(told & ~misfit, self.slow, 0.0)
-        fast = jnp.where(told, self.fast, 0.0)
-        likelihood = jnp.where(told, likelihood, 0.0)
+        finite = jnp.isfinite(likelihood)
+        slow = jnp.where(finite & ~misfit, self.slow, 0.0)
+        fast = jnp.where(finite, self.fast, 0.0)
+        likelihood = jnp.where(finite, likelihood, 0.0)
         return Averages(
             slow=averages.slow + slow * (likelihood - averages.slow),
             fast=averages.fast + fast * (likelihood - averages.fast),
@@ -89,12 +87,7 @@ class Recovery(eqx.Module):
         )
 
     def share(self, averages: Averages, lost: Bool[Array, ""]) -> Float[Array, ""]:
-        """Return the share of random particles, 0 to 1; table 8.3, line 13.
-
-        Args:
-            averages: the averages of the likelihood.
-            lost: whether the particles agree on a pose at which the scan does not match the map.
-        """
+        """Return the share of random particles, 0 to 1; table 8.3, line 13, and `lost_share` if `lost`."""
         slow = averages.slow / jnp.maximum(averages.slow_weight, 1e-12)
         fast = averages.fast / jnp.maximum(averages.fast_weight, 1e-12)
         known = (averages.slow_weight > 0.0) & (slow > 0.0)

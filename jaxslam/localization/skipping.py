@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxslam.core.types import LidarScan
+from jaxslam.core.types import LidarScan, Scalar
 from jaxslam.core.validation import require_at_least_zero
 from jaxslam.grid.known_map import KnownMap
 from jaxslam.lidar.beams import end_points, spread_beams
@@ -23,9 +23,9 @@ class BeamSkipping(eqx.Module):
         enabled: whether beams are skipped at all (static).
     """
 
-    near: float | Float[Array, ""] = 0.5
-    min_share: float | Float[Array, ""] = 0.3
-    max_skipped: float | Float[Array, ""] = 0.9
+    near: Scalar = 0.5
+    min_share: Scalar = 0.3
+    max_skipped: Scalar = 0.9
     enabled: bool = eqx.field(static=True, default=False)
 
     def __check_init__(self):
@@ -34,13 +34,7 @@ class BeamSkipping(eqx.Module):
     def kept(
         self, shares: Float[Array, "B"], valid: Bool[Array, "B"], converged: Bool[Array, ""]
     ) -> Bool[Array, "B"]:
-        """Return which of the valid beams `[B]` are used.
-
-        Args:
-            shares: `[B]` share of the particles for which a beam ends near an obstacle.
-            valid: `[B]` beams that returned.
-            converged: whether the particles agree.
-        """
+        """Return which valid beams `[B]` are used, by the share of the particles that each matches."""
         kept = valid & (shares > self.min_share)
         num_valid = jnp.maximum(jnp.sum(valid, dtype=jnp.float32), 1.0)
         skipped = 1.0 - jnp.sum(kept, dtype=jnp.float32) / num_valid

@@ -12,13 +12,9 @@ from jaxslam.localization.amcl import AMCL, AMCLState
 def start_at(
     amcl: AMCL, key: PRNGKeyArray, pose: tuple[float, float, float], deviations: tuple[float, float]
 ) -> AMCLState:
-    """Return particles around a known start pose.
+    """Return particles around a known start pose (m, m, rad, world frame).
 
-    Args:
-        amcl: the filter.
-        key: PRNG key.
-        pose: m, m, rad, world frame.
-        deviations: standard deviation of x and y, meters, and of the heading, radians.
+    The standard deviations are those of x and y, meters, and of the heading, radians.
 
     Raises:
         ValueError: the start is off the map or not in its free space.

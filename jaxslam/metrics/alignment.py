@@ -7,9 +7,7 @@ from jaxslam.core import se2
 
 
 def associate(
-    stamps_reference: Float[np.ndarray, "R"],
-    stamps_estimate: Float[np.ndarray, "M"],
-    max_difference: float,
+    stamps_reference: Float[np.ndarray, "R"], stamps_estimate: Float[np.ndarray, "M"], max_difference: float
 ) -> tuple[Int[np.ndarray, "n"], Int[np.ndarray, "n"]]:
     """Match stamps one to one: each stamp of a pair is the nearest one to the other.
 
@@ -22,8 +20,7 @@ def associate(
         Indices `[n]` into the reference and `[n]` into the estimate.
 
     Raises:
-        ValueError: if a stamp is not finite or runs backwards, `max_difference` is negative, or
-            nothing matches.
+        ValueError: if a stamp is not finite or runs backwards, `max_difference` < 0, or nothing matches.
 
     Example:
         `associate([0, 1, 2], [0.9, 1.2, 2.1], 0.5)` is `([1, 2], [0, 2])`.
@@ -40,9 +37,8 @@ def associate(
     if not matched.any():
         raise ValueError(
             f"no stamps match within {max_difference} s: the reference covers "
-            f"{stamps_reference[0]:.3f} to {stamps_reference[-1]:.3f} s, the estimate "
-            f"{stamps_estimate[0]:.3f} to {stamps_estimate[-1]:.3f} s; check the clocks or raise "
-            "max_difference"
+            f"{format_span(stamps_reference)}, the estimate {format_span(stamps_estimate)}; "
+            "check the clocks or raise max_difference"
         )
     return index[matched], to_estimate[matched]
 
@@ -52,16 +48,14 @@ def align_se2(
 ) -> Float[np.ndarray, "3"]:
     """Return the rigid motion that minimizes the squared distances of an estimate to its reference.
 
-    Only positions are used. In the plane there is a closed form: the sums of dot and cross products of
-    centered positions are proportional to the cosine and the sine of the rotation.
+    Only positions are used.
 
     Args:
         reference: `[n, 3]` poses (m, m, rad).
         estimate: `[n, 3]` poses matched to them, in their own frame.
 
     Returns:
-        `[3]` pose of the estimate's frame in the reference's: `se2.compose(result, estimate)` is
-        the aligned estimate.
+        `[3]` pose of the estimate's frame in the reference's; `se2.compose(result, estimate)` aligns it.
 
     Raises:
         ValueError: if lengths differ, a value is not finite, there are fewer than two poses, or the
@@ -74,14 +68,13 @@ def align_se2(
     check_poses(reference, "reference", len(reference))
     check_poses(estimate, "estimate", len(reference))
     if len(reference) < 2:
-        raise ValueError(
-            f"{len(reference)} matched pose cannot determine a rotation: give two or more, or align by "
-            "'first_pose'"
-        )
+        count = f"{len(reference)} matched pose cannot determine a rotation"
+        raise ValueError(f"{count}: give two or more, or align by 'first_pose'")
     points_reference = reference[:, :2].astype(float)
     points_estimate = estimate[:, :2].astype(float)
     mean_reference, mean_estimate = points_reference.mean(axis=0), points_estimate.mean(axis=0)
     p, q = points_estimate - mean_estimate, points_reference - mean_reference
+    # The sums are proportional to the cosine and the sine of the rotation.
     cosine = np.sum(p * q)
     sine = np.sum(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])
     # Rounding of the coordinates alone can cause sums of this size.
@@ -105,6 +98,12 @@ def _nearest(sorted_values: Float[np.ndarray, "a"], queries: Float[np.ndarray, "
     return np.where(nearer_left, left, right)
 
 
+def format_span(*stamps: Float[np.ndarray, "_"]) -> str:
+    """Return the time that the stamps cover, for messages."""
+    values = np.concatenate(stamps)
+    return f"{values.min():.3f} to {values.max():.3f} s" if values.size else "empty"
+
+
 def check_stamps(stamps: Float[np.ndarray, "_"], name: str) -> None:
     """Raise an error if stamps are empty, not finite or decreasing; `name` is the name of the track."""
     if len(stamps) == 0:
@@ -114,10 +113,8 @@ def check_stamps(stamps: Float[np.ndarray, "_"], name: str) -> None:
         raise ValueError(f"{name} stamp {index} is {stamps[index]}: drop poses without a time")
     if (backwards := np.flatnonzero(np.diff(stamps) < 0)).size:
         index = int(backwards[0])
-        raise ValueError(
-            f"{name} stamps run backwards at {index}: {stamps[index]} then {stamps[index + 1]}; "
-            "sort the trajectory by time"
-        )
+        steps = f"{stamps[index]} then {stamps[index + 1]}"
+        raise ValueError(f"{name} stamps run backwards at {index}: {steps}; sort the trajectory by time")
 
 
 def check_poses(poses: Float[np.ndarray, "_ 3"], name: str, length: int) -> None:

@@ -4,11 +4,10 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64
+from jaxtyping import Bool, Float64
 
 from jaxslam.metrics.map import BinaryMap
 
-_UNKNOWN = 0.5
 _BLUR = 2.0
 """Standard deviation, cells: without blur, the detector finds only the corners of single cells."""
 _NUM_FEATURES = 500
@@ -84,22 +83,16 @@ def match_features(
 
 
 def _features(known: BinaryMap) -> tuple[Float64[np.ndarray, "F 2"], Bool[np.ndarray, "F D"]]:
-    """Return positions `[F, 2]` (meters, world frame) and descriptors of a map's features."""
+    """Return positions `[F, 2]` (meters, world frame) and descriptors of the features of a blurred map."""
     from skimage.feature import ORB
+    from skimage.filters import gaussian
 
+    levels = np.where(known.occupied, 0.0, np.where(known.free, 1.0, 0.5)).astype(np.float32)
     detector = ORB(n_keypoints=_NUM_FEATURES, fast_threshold=0.05)
     try:
-        detector.detect_and_extract(_picture(known))
+        detector.detect_and_extract(gaussian(levels, _BLUR, preserve_range=True))
     except RuntimeError:  # scikit-image finds no feature
         return np.zeros((0, 2)), np.zeros((0, 256), bool)
     rows_columns = np.asarray(detector.keypoints, np.float64)
     places = (rows_columns[:, ::-1] + 0.5) * known.resolution + np.asarray(known.origin, np.float64)
     return places, np.asarray(detector.descriptors, bool)
-
-
-def _picture(known: BinaryMap) -> Float32[np.ndarray, "H W"]:
-    """Draw black walls on white, unknown cells gray, slightly blurred."""
-    from skimage.filters import gaussian
-
-    levels = np.where(known.occupied, 0.0, np.where(known.free, 1.0, _UNKNOWN)).astype(np.float32)
-    return gaussian(levels, _BLUR, preserve_range=True)

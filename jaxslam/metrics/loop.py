@@ -45,10 +45,9 @@ def loop_closed(
 ) -> LoopClosure:
     """Check the places to which the robot came back at the end of its path.
 
-    In the path, the pose of the second visit relative to the first is compared with the truth. Drift between
-    the visits does not count, because it does not matter to a robot; an open loop does. The map is aligned
-    with the truth at the second visit, and its walls within reach must lie on true walls. If a wall is mapped
-    twice, the older copy does not.
+    In the path, the pose of the second visit relative to the first is compared with the truth; drift between
+    the visits does not count. The map is aligned with the truth at the second visit, and its walls within
+    reach must lie on true walls. If a wall is mapped twice, the older copy does not.
 
     Args:
         truth: `[T, 3]` true base poses (m, m, rad).
@@ -91,20 +90,15 @@ def _revisits(
 ) -> tuple[Int[np.ndarray, "R"], Int[np.ndarray, "R"]]:
     """Return pairs of steps at one place: each second visit near the last, with its nearest first visit."""
     path = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(truth[:, :2], axis=0).T))])
-    first, second = [], []
+    pairs = []
     for step in range(len(truth)):
         before = np.flatnonzero(path <= path[step] - loop)
-        if not len(before):
-            continue
         distance = np.hypot(*(truth[before, :2] - truth[step, :2]).T)
-        nearest = int(np.argmin(distance))
-        if distance[nearest] <= near:
-            first.append(int(before[nearest]))
-            second.append(step)
-    if not second:
-        return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    kept = path[second] >= path[second[-1]] - last
-    return np.asarray(first)[kept], np.asarray(second)[kept]
+        if len(before) and distance.min() <= near:
+            pairs.append((before[np.argmin(distance)], step))
+    first, second = np.array(pairs, np.int64).reshape(-1, 2).T
+    kept = path[second] >= path[second[-1:]] - last
+    return first[kept], second[kept]
 
 
 def _walls_once(
@@ -116,7 +110,7 @@ def _walls_once(
     tolerance: float,
 ) -> float:
     """Return the share of cells near the poses that lie on a true wall, placed by the nearest pose."""
-    cells = _centers(mapped)
+    cells = mapped.centers(mapped.occupied)
     distance = np.stack([np.hypot(*(cells - pose[:2]).T) for pose in estimate])
     within = distance.min(axis=0) <= reach
     if not within.any():
@@ -124,15 +118,9 @@ def _walls_once(
     pose, cells = np.argmin(distance, axis=0)[within], cells[within]
     seen = se2.relative(estimate[pose], np.pad(cells, ((0, 0), (0, 1))))
     places = se2.compose(truth[pose], seen)[:, :2]
-    walls = _centers(reference)
+    walls = reference.centers(reference.occupied)
     # Skip true walls farther away than the tolerance.
     low, high = places.min(axis=0) - tolerance, places.max(axis=0) + tolerance
     walls = walls[np.all((walls >= low) & (walls <= high), axis=1)]
     on_a_wall = [bool((np.hypot(*(walls - place).T) <= tolerance).any()) for place in places]
     return float(np.mean(on_a_wall))
-
-
-def _centers(known: BinaryMap) -> Float64[np.ndarray, "C 2"]:
-    """Return the centers of the occupied cells, meters."""
-    rows, columns = np.nonzero(known.occupied)
-    return (np.stack([columns, rows], axis=1) + 0.5) * known.resolution + np.asarray(known.origin, np.float64)

@@ -7,8 +7,11 @@ origin, and the estimate may be moved by a pose first. Row 0 is the lowest y, co
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Float64, Int
 from scipy import ndimage
+
+from jaxslam.core import se2
+from jaxslam.io.map_server import FREE_THRESHOLD, OCCUPIED_THRESHOLD
 
 # A tolerance of three 5 cm cells is 2.9999999 cells when a resolution came through float32.
 _SLACK = 1e-6
@@ -32,12 +35,9 @@ class BinaryMap:
 
     def __post_init__(self) -> None:
         if self.occupied.shape != self.free.shape:
-            raise ValueError(
-                f"occupied has shape {self.occupied.shape} but free {self.free.shape}: "
-                "give both on the same cells"
-            )
-        if bool((self.occupied & self.free).any()):
-            count = int((self.occupied & self.free).sum())
+            shapes = f"occupied has shape {self.occupied.shape} but free {self.free.shape}"
+            raise ValueError(f"{shapes}: give both on the same cells")
+        if count := np.count_nonzero(self.occupied & self.free):
             raise ValueError(f"{count} cells are both occupied and free: a cell is one or neither")
         if not (np.isfinite(self.resolution) and self.resolution > 0):
             raise ValueError(f"resolution is {self.resolution}: give a positive number of meters")
@@ -46,36 +46,14 @@ class BinaryMap:
 
     @classmethod
     def from_probability(
-        cls,
-        probability: Float[np.ndarray, "H W"],
-        resolution: float,
-        origin: Float[np.ndarray, "2"],
-        occupied_threshold: float = 0.65,
-        free_threshold: float = 0.25,
+        cls, probability: Float[np.ndarray, "H W"], resolution: float, origin: Float[np.ndarray, "2"]
     ) -> "BinaryMap":
-        """Threshold occupancy probabilities; the defaults are those of ROS map_server.
+        """Apply the thresholds of ROS map_server to probabilities of an obstacle `[H, W]`, NaN if unknown."""
+        return cls(probability > OCCUPIED_THRESHOLD, probability < FREE_THRESHOLD, resolution, origin)
 
-        Args:
-            probability: `[H, W]` probability that a cell is occupied; NaN where unknown.
-            resolution: side of a cell, meters.
-            origin: `[2]` world position of the lower-left corner, meters.
-            occupied_threshold: cells above it are occupied.
-            free_threshold: cells below it are free.
-
-        Raises:
-            ValueError: if the thresholds are out of order.
-        """
-        if not 0 <= free_threshold <= occupied_threshold <= 1:
-            raise ValueError(
-                f"thresholds free {free_threshold} and occupied {occupied_threshold} are out of "
-                "order: 0 <= free <= occupied <= 1"
-            )
-        return cls(
-            occupied=probability > occupied_threshold,
-            free=probability < free_threshold,
-            resolution=resolution,
-            origin=origin,
-        )
+    def centers(self, chosen: Bool[np.ndarray, "_ _"]) -> Float64[np.ndarray, "C 2"]:
+        """Return the world positions of the centers of the chosen cells, meters, row by row."""
+        return (np.argwhere(chosen)[:, ::-1] + 0.5) * self.resolution + self.origin
 
 
 @dataclass(frozen=True)
@@ -83,14 +61,11 @@ class MapScore:
     """Agreement of an estimated map with the known one.
 
     Attributes:
-        precision: share of the estimate's occupied cells that lie within the tolerance of a
-            reference one; 0 if the estimate has none.
-        recall: share of the reference's occupied cells that lie within the tolerance of an
-            estimated one.
+        precision: share of the estimate's occupied cells within the tolerance of a reference one; 0 if none.
+        recall: share of the reference's occupied cells within the tolerance of an estimated one.
         f1: harmonic mean of the two.
         iou: `f1 / (2 − f1)`; with tolerance 0 this is the intersection over union of the cells.
-        free_iou: intersection over union of the free cells, without tolerance; None if neither map
-            has a free cell.
+        free_iou: intersection over union of the free cells, without tolerance; None if there are none.
         n_estimate: number of occupied cells of the estimate inside the mask, in reference cells.
         n_reference: number of occupied cells of the reference inside the mask.
     """
@@ -136,9 +111,15 @@ def map_score(
         2/3, f1 2/3, iou 2/4.
     """
     pose = np.zeros(3) if pose_reference_estimate is None else pose_reference_estimate
-    _check(reference, tolerance_m, pose, mask)
-    counts = np.ones(reference.occupied.shape, bool) if mask is None else mask
+    if not (np.isfinite(tolerance_m) and tolerance_m >= 0):
+        raise ValueError(f"tolerance_m is {tolerance_m}: give a number of meters that is >= 0")
+    if not np.isfinite(pose).all():
+        raise ValueError(f"pose_reference_estimate is {pose}: give finite meters and radians")
+    if mask is not None and mask.shape != reference.occupied.shape:
+        shapes = f"mask has shape {mask.shape} but the reference map {reference.occupied.shape}"
+        raise ValueError(f"{shapes}: give the mask on the reference's cells")
     count_outside = mask is None
+    counts = np.ones_like(reference.occupied) if mask is None else mask
     radius = tolerance_m / reference.resolution
 
     cells = _occupied_cells(reference, estimate, pose)
@@ -149,11 +130,9 @@ def map_score(
     occupied_estimate = np.zeros((height + 2 * pad, width + 2 * pad), bool)
     occupied_estimate[tuple((cells[inside] + pad).T)] = True
     occupied_reference = np.pad(reference.occupied, pad)
-    counts_estimate = np.pad(counts, pad, constant_values=count_outside)
-    counts_reference = np.pad(counts, pad)
 
-    counted_estimate = occupied_estimate & counts_estimate
-    counted_reference = occupied_reference & counts_reference
+    counted_estimate = occupied_estimate & np.pad(counts, pad, constant_values=count_outside)
+    counted_reference = np.pad(reference.occupied & counts, pad)
     n_estimate = int(counted_estimate.sum()) + int((~inside).sum()) * count_outside
     n_reference = int(counted_reference.sum())
     if n_reference == 0:
@@ -175,23 +154,6 @@ def map_score(
     )
 
 
-def _check(
-    reference: BinaryMap,
-    tolerance_m: float,
-    pose: Float[np.ndarray, "3"],
-    mask: Bool[np.ndarray, "_ _"] | None,
-) -> None:
-    if not (np.isfinite(tolerance_m) and tolerance_m >= 0):
-        raise ValueError(f"tolerance_m is {tolerance_m}: give a number of meters that is >= 0")
-    if not np.isfinite(pose).all():
-        raise ValueError(f"pose_reference_estimate is {pose}: give finite meters and radians")
-    if mask is not None and mask.shape != reference.occupied.shape:
-        raise ValueError(
-            f"mask has shape {mask.shape} but the reference map {reference.occupied.shape}: "
-            "give the mask on the reference's cells"
-        )
-
-
 def _occupied_cells(
     reference: BinaryMap, estimate: BinaryMap, pose: Float[np.ndarray, "3"]
 ) -> Int[np.ndarray, "K 2"]:
@@ -202,7 +164,7 @@ def _occupied_cells(
     offsets = np.stack(np.meshgrid(fraction, fraction), axis=-1).reshape(-1, 2)
     column_row = np.argwhere(estimate.occupied)[:, ::-1]
     points = (column_row[:, None] + offsets).reshape(-1, 2) * estimate.resolution + estimate.origin
-    moved = points @ _rotation(pose[2]).T + pose[:2]
+    moved = se2.apply(pose, points)
     cells = np.floor((moved - reference.origin) / reference.resolution).astype(np.int64)
     return np.unique(cells[:, ::-1], axis=0)
 
@@ -214,45 +176,32 @@ def _free_iou(
     counts: Bool[np.ndarray, "H W"],
     count_outside: bool,
 ) -> float | None:
-    free_estimate = _lookup(estimate.free, estimate, reference, pose)
+    free_estimate = _free_on_cells_of(reference, estimate, pose)
     shared = int((free_estimate & reference.free & counts).sum())
     union = int(((free_estimate | reference.free) & counts).sum())
     outside = 0.0
     if count_outside:
-        centers = (np.argwhere(estimate.free)[:, ::-1] + 0.5) * estimate.resolution
-        moved = (centers + estimate.origin) @ _rotation(pose[2]).T + pose[:2]
         extent = np.array(counts.shape)[::-1] * reference.resolution
-        relative = moved - reference.origin
+        relative = se2.apply(pose, estimate.centers(estimate.free)) - reference.origin
         beyond = ((relative < 0) | (relative >= extent)).any(axis=1).sum()
         outside = float(beyond) * (estimate.resolution / reference.resolution) ** 2
     return shared / (union + outside) if union + outside else None
 
 
-def _lookup(
-    values: Bool[np.ndarray, "A B"],
-    source: BinaryMap,
-    target: BinaryMap,
-    pose_target_source: Float[np.ndarray, "3"],
+def _free_on_cells_of(
+    reference: BinaryMap, estimate: BinaryMap, pose: Float[np.ndarray, "3"]
 ) -> Bool[np.ndarray, "H W"]:
-    """Return the source value under each center of a target cell; false outside the source."""
-    height, width = target.occupied.shape
-    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    points = np.stack([x, y], axis=-1) * target.resolution + target.origin
-    # Row vectors times R is Rᵀ applied to them: the inverse rotation.
-    local = (points - pose_target_source[:2]) @ _rotation(pose_target_source[2])
-    cells = np.floor((local - source.origin) / source.resolution).astype(np.int64)
-    column, row = cells[..., 0], cells[..., 1]
-    inside = (column >= 0) & (column < values.shape[1]) & (row >= 0) & (row < values.shape[0])
-    return inside & values[np.where(inside, row, 0), np.where(inside, column, 0)]
+    """Return which reference cells have their center on a free cell of the estimate."""
+    points = reference.centers(np.ones_like(reference.free))
+    local = se2.rotate_all(-pose[2], points - pose[:2])
+    cells = np.floor((local - estimate.origin) / estimate.resolution).astype(np.int64)[:, ::-1]
+    inside = ((cells >= 0) & (cells < estimate.free.shape)).all(axis=1)
+    free = np.zeros(len(cells), bool)
+    free[inside] = estimate.free[tuple(cells[inside].T)]
+    return free.reshape(reference.free.shape)
 
 
 def _dilate(cells: Bool[np.ndarray, "H W"], radius: float) -> Bool[np.ndarray, "H W"]:
     """Return the cells within `radius` cells (Euclidean, center to center) of a true cell."""
     # Without a true cell, SciPy's distances are undefined.
-    near = ndimage.distance_transform_edt(~cells) <= radius + _SLACK
-    return near & cells.any()
-
-
-def _rotation(theta: float | np.floating) -> Float[np.ndarray, "2 2"]:
-    cos, sin = np.cos(theta), np.sin(theta)
-    return np.array([[cos, -sin], [sin, cos]])
+    return cells.any() & (ndimage.distance_transform_edt(~cells) <= radius + _SLACK)

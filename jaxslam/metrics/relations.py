@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Float64
 
 from jaxslam.core import se2
 from jaxslam.core.trajectory import STAMP_TOLERANCE, dead_reckon
-from jaxslam.metrics.alignment import check_poses, check_stamps
+from jaxslam.metrics.alignment import check_poses, check_stamps, format_span
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,6 @@ def relation_errors(
         ValueError: on unequal lengths, empty tracks, values that are not finite, stamps that run
             backwards, or when the trajectory covers no relation at all.
 
-    References:
-        Kümmerle et al. 2009; its tables print absolute and squared errors.
-
     Example:
         Poses (0, 0, 0) and (1.1, 0, 0), relation (1, 0, 0): 0.1 m in translation, 0 in rotation.
     """
@@ -83,8 +80,8 @@ def relation_errors(
     used = np.isfinite(translation)
     if not used.any():
         raise ValueError(
-            f"none of the {len(used)} relations ({_span(stamps_from, stamps_to)}) lies within the "
-            f"trajectory ({_span(stamps)}) and the odometry ({_span(odometry_stamps)}): "
+            f"none of the {len(used)} relations ({format_span(stamps_from, stamps_to)}) lies within the "
+            f"trajectory ({format_span(stamps)}) and the odometry ({format_span(odometry_stamps)}): "
             "check that they belong to the same log and clock"
         )
     meters, degrees = translation[used], np.rad2deg(rotation[used])
@@ -120,13 +117,17 @@ def relation_residuals(
     Raises:
         ValueError: as in `relation_errors`, but no error is raised if no relation is covered.
     """
-    for track_stamps, track_poses, name in (
-        (stamps, poses, "trajectory"),
-        (odometry_stamps, odometry_poses, "odometry"),
-    ):
-        check_stamps(track_stamps, name)
-        check_poses(track_poses, name, len(track_stamps))
-    _check_relations(stamps_from, stamps_to, deltas)
+    check_stamps(stamps, "trajectory")
+    check_poses(poses, "trajectory", len(stamps))
+    check_stamps(odometry_stamps, "odometry")
+    check_poses(odometry_poses, "odometry", len(odometry_stamps))
+    if not len(stamps_from) == len(stamps_to) == len(deltas):
+        counts = f"{len(stamps_from)} from-stamps, {len(stamps_to)} to-stamps and {len(deltas)} deltas"
+        raise ValueError(f"{counts}: give one of each per relation")
+    finite = np.isfinite(stamps_from) & np.isfinite(stamps_to) & np.isfinite(deltas).all(axis=1)
+    if not finite.all():
+        index = np.argmin(finite)
+        raise ValueError(f"relation {index} is not finite ({deltas[index]}): drop it")
     track = (stamps.astype(float), poses.astype(float))
     odometry = (odometry_stamps.astype(float), odometry_poses.astype(float))
     times_from, times_to = stamps_from.astype(float), stamps_to.astype(float)
@@ -147,28 +148,5 @@ def _covered(
     inside = (last >= 0) & (times <= stamps[-1] + STAMP_TOLERANCE)
     since = stamps[np.maximum(last, 0)]
     exact = np.abs(times - since) <= STAMP_TOLERANCE
-    bridged = (since >= odometry_stamps[0] - STAMP_TOLERANCE) & (
-        times <= odometry_stamps[-1] + STAMP_TOLERANCE
-    )
-    return inside & (exact | bridged)
-
-
-def _span(*stamps: Float[np.ndarray, "_"]) -> str:
-    values = np.concatenate(stamps)
-    return f"{values.min():.3f} to {values.max():.3f} s" if values.size else "empty"
-
-
-def _check_relations(
-    stamps_from: Float[np.ndarray, "_"],
-    stamps_to: Float[np.ndarray, "_"],
-    deltas: Float[np.ndarray, "_ 3"],
-) -> None:
-    if not len(stamps_from) == len(stamps_to) == len(deltas):
-        raise ValueError(
-            f"{len(stamps_from)} from-stamps, {len(stamps_to)} to-stamps and {len(deltas)} deltas: "
-            "give one of each per relation"
-        )
-    finite = np.isfinite(stamps_from) & np.isfinite(stamps_to) & np.isfinite(deltas).all(axis=1)
-    if not finite.all():
-        index = int(np.flatnonzero(~finite)[0])
-        raise ValueError(f"relation {index} is not finite ({deltas[index]}): drop it")
+    started, ended = odometry_stamps[0] - STAMP_TOLERANCE, odometry_stamps[-1] + STAMP_TOLERANCE
+    return inside & (exact | (since >= started) & (times <= ended))

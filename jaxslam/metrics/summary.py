@@ -9,6 +9,7 @@ from jaxslam.core.trajectory import STAMP_TOLERANCE, dead_reckon
 from jaxslam.io.log import OdometryTrack
 from jaxslam.io.relations import Relations
 from jaxslam.metrics import TrajectoryError, absolute_trajectory_error, relation_errors
+from jaxslam.metrics.alignment import format_span
 from jaxslam.metrics.trajectory import Alignment
 
 _RELATION_KEYS = ("n", "trans_mean_m", "trans_std_m", "trans_max_m", "rot_mean_deg", "rot_std_deg")
@@ -22,15 +23,8 @@ def relation_figures(
     relations: Relations,
 ) -> dict[str, float]:
     """Return statistics of the relation errors of a trajectory, see `jaxslam.metrics.relation_errors`."""
-    error = relation_errors(
-        stamps,
-        poses,
-        odometry.stamps,
-        odometry.poses,
-        relations.stamps_from,
-        relations.stamps_to,
-        relations.deltas,
-    )
+    known = relations.stamps_from, relations.stamps_to, relations.deltas
+    error = relation_errors(stamps, poses, odometry.stamps, odometry.poses, *known)
     return {key: asdict(error)[key] for key in _RELATION_KEYS}
 
 
@@ -58,15 +52,13 @@ def reference_error(
     Raises:
         ValueError: fewer than two reference poses lie within the trajectory, or stamps run backwards.
     """
-    within = (reference_stamps >= stamps[0] - STAMP_TOLERANCE) & (
-        reference_stamps <= stamps[-1] + STAMP_TOLERANCE
-    )
+    first, last = stamps[0] - STAMP_TOLERANCE, stamps[-1] + STAMP_TOLERANCE
+    within = (first <= reference_stamps) & (reference_stamps <= last)
     count = np.count_nonzero(within)
     if count < 2:
         raise ValueError(
-            f"{count} of the {len(within)} reference poses ({reference_stamps.min():.3f} to "
-            f"{reference_stamps.max():.3f} s) lie within the trajectory ({stamps[0]:.3f} to {stamps[-1]:.3f} "
-            "s): check that they belong to the same log and clock"
+            f"{count} of the {len(within)} reference poses ({format_span(reference_stamps)}) lie within the "
+            f"trajectory ({format_span(stamps)}): check that they belong to the same log and clock"
         )
     times = reference_stamps[within]
     estimate = dead_reckon(times, stamps, poses, odometry.stamps, odometry.poses)

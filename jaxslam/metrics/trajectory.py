@@ -156,11 +156,7 @@ def relative_pose_error(
 
 
 def _pairs(
-    stamps: Float[np.ndarray, "n"],
-    poses: Float[np.ndarray, "n 3"],
-    delta: float,
-    unit: Unit,
-    all_pairs: bool,
+    stamps: Float[np.ndarray, "n"], poses: Float[np.ndarray, "n 3"], delta: float, unit: Unit, all_pairs: bool
 ) -> tuple[Int[np.ndarray, "k"], Int[np.ndarray, "k"]]:
     """Return the first and last index of every pair that spans `delta`."""
     if not (np.isfinite(delta) and delta > 0):
@@ -180,22 +176,14 @@ def _pairs(
     end = np.searchsorted(progress, progress + delta - 1e-6, side="left")
     start = np.flatnonzero(end < len(progress))
     if len(start) == 0:
-        raise ValueError(
-            f"delta is {delta} {unit} but the matched trajectory spans only {progress[-1]:.3f}: "
-            "give a smaller delta"
-        )
+        span = f"the matched trajectory spans only {progress[-1]:.3f}"
+        raise ValueError(f"delta is {delta} {unit} but {span}: give a smaller delta")
     if not all_pairs:
-        start = _chain(end)
+        chain = [0]
+        while end[chain[-1]] < len(end):
+            chain.append(end[chain[-1]])
+        start = np.array(chain[:-1])
     return start, end[start]
-
-
-def _chain(end: Int[np.ndarray, "n"]) -> Int[np.ndarray, "k"]:
-    """Return the starts of the pairs that follow each other without overlap, from index 0."""
-    starts, index = [], 0
-    while index < len(end) and end[index] < len(end):
-        starts.append(index)
-        index = int(end[index])
-    return np.array(starts, dtype=int)
 
 
 def _matched(

@@ -1,15 +1,6 @@
-"""Common part of the wheel models: samples, densities and covariances from noise on an increment.
+"""Common part of the wheel models: samples, densities and covariances from noise on an increment."""
 
-A wheel model is a function `noisy_increment(noise) -> [3]` and the variances of four noise components:
-
-0. `turn`: error of the rotation before (or during) the translation, rad;
-1. `along`: error of the distance driven, m;
-2. `across`: slip perpendicular to the path, m;
-3. `final rotation`: error of the rotation that follows, rad.
-
-The heading error is turn + final rotation; the turn also bends the path.
-"""
-
+import abc
 from collections.abc import Callable
 
 import jax
@@ -17,63 +8,81 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxslam.core import se2
+from jaxslam.core.linalg import LOG_TWO_PI
+from jaxslam.core.types import OdometryIncrement
+from jaxslam.motion.base import AbstractMotionModel
 
-Scalar = float | Float[Array, ""]
+NoisyIncrement = Callable[[Float[Array, "4"]], Float[Array, "3"]]
+NoiseModel = tuple[NoisyIncrement, Float[Array, "4"]]
+"""An increment `[3]` (m, m, rad) as a function of the noise `[4]`, and the variances `[4]` of the noise."""
 
 TURN, ALONG, ACROSS, FINAL_ROTATION = range(4)
 
-LOG_TWO_PI = 1.8378770664093453
 
+class AbstractWheelModel(AbstractMotionModel):
+    """Motion model of an increment with four independent, normal noise components.
 
-def sample_increment(
-    key: PRNGKeyArray, noisy_increment: Callable, variances: Float[Array, "4"]
-) -> Float[Array, "3"]:
-    """Draw an increment `[3]` (m, m, rad) by applying the model to independent normal noise."""
-    standard = jax.random.normal(key, variances.shape, variances.dtype)
-    return noisy_increment(standard * jnp.sqrt(variances))
+    0. `TURN`: error of the rotation before (or during) the translation, rad;
+    1. `ALONG`: error of the distance driven, m;
+    2. `ACROSS`: slip perpendicular to the path, m;
+    3. `FINAL_ROTATION`: error of the rotation that follows, rad.
 
-
-def increment_log_prob(
-    increment: Float[Array, "3"], noisy_increment: Callable, variances: Float[Array, "4"]
-) -> Float[Array, ""]:
-    r"""Return the log-density of an increment `[3]` over (x m, y m, theta rad), in closed form.
-
-    Tables 5.1 and 5.5 of Thrun, Burgard, Fox 2005 give a density over the *noise*. As a density over
-    poses it lacks the Jacobian, which grows without bound as the translation shrinks. This density is
-    instead the product of two factors:
-
-    - heading error $h$: normal, exactly (for a deviation small against π);
-    - position given $h$: normal, with mean and covariance to second order in the noise. The turn error is
-      normal given $h$, with mean $k h$, $k = \sigma_t^2 / (\sigma_t^2 + \sigma_f^2)$, and variance
-      $k \sigma_f^2$. The model is evaluated at this mean exactly, so the path bends with it.
-
-    It integrates to one and is finite for every increment, including that of a robot standing still.
+    The heading error is turn + final rotation; the turn also bends the path.
     """
-    turn_variance, final_variance = variances[TURN], variances[FINAL_ROTATION]
-    heading_variance = turn_variance + final_variance
-    share = turn_variance / heading_variance
-    heading_error = se2.wrap(increment[2] - noisy_increment(jnp.zeros_like(variances))[2])
 
-    expected = jnp.zeros_like(variances).at[TURN].set(share * heading_error)
-    conditional_variances = variances.at[TURN].set(share * final_variance)[:FINAL_ROTATION]
-    residual, covariance = _position_error(increment[:2], noisy_increment, expected, conditional_variances)
-    return _normal_1d(heading_error, heading_variance) + _normal_2d(residual, covariance)
+    @abc.abstractmethod
+    def noise_model(self, odometry: OdometryIncrement) -> NoiseModel:
+        """Return the noise of an increment."""
 
+    def sample(
+        self, key: PRNGKeyArray, pose: Float[Array, "3"], odometry: OdometryIncrement
+    ) -> Float[Array, "3"]:
+        """Draw the next pose `[3]`."""
+        noisy_increment, variances = self.noise_model(odometry)
+        standard = jax.random.normal(key, variances.shape, variances.dtype)
+        return se2.compose(pose, noisy_increment(standard * jnp.sqrt(variances)))
 
-def predicted_frame_covariance(
-    noisy_increment: Callable, variances: Float[Array, "4"]
-) -> Float[Array, "3 3"]:
-    """Return the covariance `[3, 3]` of the error in the predicted pose's frame, to first order."""
-    zero = jnp.zeros_like(variances)
-    predicted = noisy_increment(zero)
-    jacobian = jax.jacfwd(lambda noise: se2.relative(predicted, noisy_increment(noise)))(zero)
-    covariance = (jacobian * variances[None, :]) @ jacobian.T
-    return 0.5 * (covariance + covariance.T)
+    def log_prob(
+        self, pose_next: Float[Array, "3"], pose: Float[Array, "3"], odometry: OdometryIncrement
+    ) -> Float[Array, ""]:
+        r"""Return the natural log of the density of `pose_next` per m²·rad; finite everywhere.
+
+        Tables 5.1 and 5.5 of Thrun, Burgard, Fox 2005 give a density over the *noise*. As a density over
+        poses it lacks the Jacobian, which grows without bound as the translation shrinks. This density is
+        instead the product of two factors, and integrates to one:
+
+        - heading error $h$: normal, exactly (for a deviation small against π);
+        - position given $h$: normal, with mean and covariance to second order in the noise. The turn error
+          is normal given $h$, with mean $k h$, $k = \sigma_t^2 / (\sigma_t^2 + \sigma_f^2)$, and variance
+          $k \sigma_f^2$. The model is evaluated at this mean exactly, so the path bends with it.
+        """
+        noisy_increment, variances = self.noise_model(odometry)
+        increment = se2.relative(pose, pose_next)
+        turn_variance, final_variance = variances[TURN], variances[FINAL_ROTATION]
+        heading_variance = turn_variance + final_variance
+        share = turn_variance / heading_variance
+        heading_error = se2.wrap(increment[2] - noisy_increment(jnp.zeros_like(variances))[2])
+
+        expected = jnp.zeros_like(variances).at[TURN].set(share * heading_error)
+        conditional_variances = variances.at[TURN].set(share * final_variance)[:FINAL_ROTATION]
+        residual, covariance = _position_error(
+            increment[:2], noisy_increment, expected, conditional_variances
+        )
+        return _normal_1d(heading_error, heading_variance) + _normal_2d(residual, covariance)
+
+    def covariance(self, odometry: OdometryIncrement) -> Float[Array, "3 3"]:
+        """Return the covariance `[3, 3]` of the increment in the predicted pose's frame (m², m·rad, rad²)."""
+        noisy_increment, variances = self.noise_model(odometry)
+        zero = jnp.zeros_like(variances)
+        predicted = noisy_increment(zero)
+        jacobian = jax.jacfwd(lambda noise: se2.relative(predicted, noisy_increment(noise)))(zero)
+        covariance = (jacobian * variances[None, :]) @ jacobian.T
+        return 0.5 * (covariance + covariance.T)
 
 
 def _position_error(
     position: Float[Array, "2"],
-    noisy_increment: Callable,
+    noisy_increment: NoisyIncrement,
     expected: Float[Array, "4"],
     variances: Float[Array, "3"],
 ) -> tuple[Float[Array, "2"], Float[Array, "2 2"]]:

@@ -5,10 +5,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxslam.core import se2
-from jaxslam.core.linalg import cholesky
-from jaxslam.core.types import OdometryIncrement
+from jaxslam.core.linalg import LOG_TWO_PI, cholesky, rotation_matrix
+from jaxslam.core.types import OdometryIncrement, Scalar
 from jaxslam.core.validation import require_at_least_zero
-from jaxslam.motion._wheel_noise import LOG_TWO_PI, Scalar
 from jaxslam.motion.base import AbstractMotionModel
 
 
@@ -59,25 +58,12 @@ class GaussianMotion(AbstractMotionModel):
 
     def covariance(self, odometry: OdometryIncrement) -> Float[Array, "3 3"]:
         """Return the covariance `[3, 3]` of the increment in the predicted pose's frame (m², m·rad, rad²)."""
-        cos, sin = jnp.cos(odometry.delta[2]), jnp.sin(odometry.delta[2])
-        zero, one = jnp.zeros_like(cos), jnp.ones_like(cos)
-        rotation = jnp.stack(
-            [
-                jnp.stack([cos, sin, zero]),
-                jnp.stack([-sin, cos, zero]),
-                jnp.stack([zero, zero, one]),
-            ]
-        )
-        factor = rotation @ self._factor(odometry)
+        factor = rotation_matrix(odometry.delta[2]).T @ self._factor(odometry)
         return factor @ factor.T
 
     def _factor(self, odometry: OdometryIncrement) -> Float[Array, "3 3"]:
-        floors = jnp.stack(
-            [
-                jnp.full_like(odometry.dt, self.translation_floor),
-                jnp.full_like(odometry.dt, self.translation_floor),
-                jnp.full_like(odometry.dt, self.rotation_floor),
-            ]
+        floors = jnp.asarray(
+            [self.translation_floor, self.translation_floor, self.rotation_floor], odometry.dt.dtype
         )
         variances = floors * floors
         covariance = 0.5 * self.covariance_scale * (odometry.covariance + odometry.covariance.T)

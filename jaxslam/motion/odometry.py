@@ -1,26 +1,15 @@
 """The odometry motion model: rotate, drive, rotate."""
 
-import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float
 
 from jaxslam.core import se2
-from jaxslam.core.types import OdometryIncrement
+from jaxslam.core.types import OdometryIncrement, Scalar
 from jaxslam.core.validation import require_at_least_zero
-from jaxslam.motion._wheel_noise import (
-    ACROSS,
-    ALONG,
-    FINAL_ROTATION,
-    TURN,
-    Scalar,
-    increment_log_prob,
-    predicted_frame_covariance,
-    sample_increment,
-)
-from jaxslam.motion.base import AbstractMotionModel
+from jaxslam.motion._wheel_noise import ACROSS, ALONG, FINAL_ROTATION, TURN, AbstractWheelModel, NoiseModel
 
 
-class OdometryMotion(AbstractMotionModel):
+class OdometryMotion(AbstractWheelModel):
     r"""Odometry split into a rotation, a translation and a second rotation, each with its own noise.
 
     With $\delta_{rot1}, \delta_{trans}, \delta_{rot2}$ from the increment, the noise is normal with
@@ -49,7 +38,7 @@ class OdometryMotion(AbstractMotionModel):
 
     References:
         Thrun, Burgard, Fox 2005, table 5.6 (`sample`) and 5.5 (`log_prob`, with the Jacobian and the
-        noise of table 5.6, see `increment_log_prob`).
+        noise of table 5.6).
 
     Example:
         1 m straight ahead with α1 = 0.02, α2 = 0.01, α3 = 0.01, α4 = 0.0025 and floors of 5 mm and
@@ -67,40 +56,30 @@ class OdometryMotion(AbstractMotionModel):
     def __check_init__(self):
         require_at_least_zero(self, positive=("translation_floor", "rotation_floor", "direction_threshold"))
 
-    def sample(
-        self, key: PRNGKeyArray, pose: Float[Array, "3"], odometry: OdometryIncrement
-    ) -> Float[Array, "3"]:
-        """Draw the next pose `[3]` (table 5.6)."""
-        parts = self._decompose(odometry)
-        increment = sample_increment(key, parts.noisy_increment, self._variances(parts))
-        return se2.compose(pose, increment)
-
-    def log_prob(
-        self, pose_next: Float[Array, "3"], pose: Float[Array, "3"], odometry: OdometryIncrement
-    ) -> Float[Array, ""]:
-        """Return the natural log of the density of `pose_next` per m²·rad; finite everywhere."""
-        parts = self._decompose(odometry)
-        increment = se2.relative(pose, pose_next)
-        return increment_log_prob(increment, parts.noisy_increment, self._variances(parts))
-
-    def covariance(self, odometry: OdometryIncrement) -> Float[Array, "3 3"]:
-        """Return the covariance `[3, 3]` of the increment in the predicted pose's frame (m², m·rad, rad²)."""
-        parts = self._decompose(odometry)
-        return predicted_frame_covariance(parts.noisy_increment, self._variances(parts))
-
-    def _decompose(self, odometry: OdometryIncrement) -> "_RotateDriveRotate":
+    def noise_model(self, odometry: OdometryIncrement) -> NoiseModel:
+        """Return the noise of the three parts of an increment (table 5.6)."""
         x, y, theta = odometry.delta
         forward = jnp.where(x < 0.0, -jnp.ones_like(x), jnp.ones_like(x))
         first_rotation = jnp.arctan2(
             forward * y, jnp.sqrt(x * x + self.direction_threshold * self.direction_threshold)
         )
+        # `across` is what the direction threshold leaves.
         along, across = se2.rotate(-first_rotation, odometry.delta[:2])
-        return _RotateDriveRotate(first_rotation, along, across, se2.wrap(theta - first_rotation))
+        second_rotation = se2.wrap(theta - first_rotation)
 
-    def _variances(self, parts: "_RotateDriveRotate") -> Float[Array, "4"]:
-        first = parts.first_rotation * parts.first_rotation
-        second = parts.second_rotation * parts.second_rotation
-        translation = parts.along * parts.along
+        def noisy_increment(noise: Float[Array, "4"]) -> Float[Array, "3"]:
+            direction = first_rotation + noise[TURN]
+            translation = jnp.stack([along + noise[ALONG], across + noise[ACROSS]])
+            heading = se2.wrap(direction + second_rotation + noise[FINAL_ROTATION])
+            return jnp.append(se2.rotate(direction, translation), heading)
+
+        first, second = first_rotation * first_rotation, second_rotation * second_rotation
+        return noisy_increment, self._variances(first, second, along * along)
+
+    def _variances(
+        self, first: Float[Array, ""], second: Float[Array, ""], translation: Float[Array, ""]
+    ) -> Float[Array, "4"]:
+        """Return the variances of the noise from the squares of both rotations and of the translation."""
         translation_floor = self.translation_floor * self.translation_floor
         # The two rotations share the floor, so the heading's deviation is never below it.
         rotation = (
@@ -120,19 +99,3 @@ class OdometryMotion(AbstractMotionModel):
                 self.rotation_noise_from_rotation * second + rotation,
             ]
         )
-
-
-class _RotateDriveRotate(eqx.Module):
-    """An increment, decomposed exactly; `across` is the rest left by the direction threshold, m."""
-
-    first_rotation: Float[Array, ""]
-    along: Float[Array, ""]
-    across: Float[Array, ""]
-    second_rotation: Float[Array, ""]
-
-    def noisy_increment(self, noise: Float[Array, "4"]) -> Float[Array, "3"]:
-        """Return the increment `[3]` with noise `[4]` (turn, along, across, final rotation) added."""
-        direction = self.first_rotation + noise[TURN]
-        translation = jnp.stack([self.along + noise[ALONG], self.across + noise[ACROSS]])
-        heading = se2.wrap(direction + self.second_rotation + noise[FINAL_ROTATION])
-        return jnp.append(se2.rotate(direction, translation), heading)

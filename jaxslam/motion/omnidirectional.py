@@ -1,25 +1,15 @@
 """The motion model of a robot that drives in any direction without turning."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float
 
 from jaxslam.core import se2
-from jaxslam.core.types import OdometryIncrement
+from jaxslam.core.types import OdometryIncrement, Scalar
 from jaxslam.core.validation import require_at_least_zero
-from jaxslam.motion._wheel_noise import (
-    ACROSS,
-    ALONG,
-    FINAL_ROTATION,
-    TURN,
-    Scalar,
-    increment_log_prob,
-    predicted_frame_covariance,
-    sample_increment,
-)
-from jaxslam.motion.base import AbstractMotionModel
+from jaxslam.motion._wheel_noise import ACROSS, ALONG, FINAL_ROTATION, TURN, AbstractWheelModel, NoiseModel
 
 
-class OmnidirectionalMotion(AbstractMotionModel):
+class OmnidirectionalMotion(AbstractWheelModel):
     r"""Odometry as a straight translation in any direction and a simultaneous rotation, with normal noise.
 
     Unlike in `OdometryMotion`, the direction of the translation is independent of the heading: a robot
@@ -57,27 +47,25 @@ class OmnidirectionalMotion(AbstractMotionModel):
     def __check_init__(self):
         require_at_least_zero(self, positive=("translation_floor", "rotation_floor"))
 
-    def sample(
-        self, key: PRNGKeyArray, pose: Float[Array, "3"], odometry: OdometryIncrement
-    ) -> Float[Array, "3"]:
-        """Draw the next pose `[3]`."""
-        noisy = _along_its_way(odometry)
-        return se2.compose(pose, sample_increment(key, noisy, self._variances(odometry)))
-
-    def log_prob(
-        self, pose_next: Float[Array, "3"], pose: Float[Array, "3"], odometry: OdometryIncrement
-    ) -> Float[Array, ""]:
-        """Return the natural log of the density of `pose_next` per m²·rad; finite everywhere."""
-        increment = se2.relative(pose, pose_next)
-        return increment_log_prob(increment, _along_its_way(odometry), self._variances(odometry))
-
-    def covariance(self, odometry: OdometryIncrement) -> Float[Array, "3 3"]:
-        """Return the covariance `[3, 3]` of the increment in the predicted pose's frame (m², m·rad, rad²)."""
-        return predicted_frame_covariance(_along_its_way(odometry), self._variances(odometry))
-
-    def _variances(self, odometry: OdometryIncrement) -> Float[Array, "4"]:
+    def noise_model(self, odometry: OdometryIncrement) -> NoiseModel:
+        """Return the noise along the path of an increment, across it and in heading."""
         x, y, theta = odometry.delta
-        translation, rotation = x * x + y * y, theta * theta
+        squared = x * x + y * y
+        moves = squared > 0.0
+        length = jnp.where(moves, jnp.sqrt(jnp.where(moves, squared, 1.0)), 0.0)
+        # A robot standing still has no direction of travel; any value works.
+        direction = jnp.where(moves, jnp.arctan2(y, jnp.where(moves, x, 1.0)), 0.0)
+
+        def noisy_increment(noise: Float[Array, "4"]) -> Float[Array, "3"]:
+            translation = jnp.stack([length + noise[ALONG], noise[ACROSS]])
+            # The turn exists for the interface shared by the wheel models; its variance is nearly zero.
+            heading = se2.wrap(theta + noise[TURN] + noise[FINAL_ROTATION])
+            return jnp.append(se2.rotate(direction + noise[TURN], translation), heading)
+
+        return noisy_increment, self._variances(squared, theta * theta)
+
+    def _variances(self, translation: Float[Array, ""], rotation: Float[Array, ""]) -> Float[Array, "4"]:
+        """Return the variances of the noise from the squares of translation and rotation."""
         floor = self.translation_floor * self.translation_floor
         from_rotation = self.translation_noise_from_rotation * rotation + floor
         heading = (
@@ -94,21 +82,3 @@ class OmnidirectionalMotion(AbstractMotionModel):
                 heading,
             ]
         )
-
-
-def _along_its_way(odometry: OdometryIncrement):
-    """Return the increment `[3]` as a function of noise `[4]` along the path, across it and in heading."""
-    x, y, theta = odometry.delta
-    squared = x * x + y * y
-    moves = squared > 0.0
-    length = jnp.where(moves, jnp.sqrt(jnp.where(moves, squared, 1.0)), 0.0)
-    # A robot standing still has no direction of travel; any value works.
-    direction = jnp.where(moves, jnp.arctan2(y, jnp.where(moves, x, 1.0)), 0.0)
-
-    def noisy_increment(noise: Float[Array, "4"]) -> Float[Array, "3"]:
-        translation = jnp.stack([length + noise[ALONG], noise[ACROSS]])
-        # The turn exists for the interface shared by the wheel models; its variance is nearly zero.
-        heading = se2.wrap(theta + noise[TURN] + noise[FINAL_ROTATION])
-        return jnp.append(se2.rotate(direction + noise[TURN], translation), heading)
-
-    return noisy_increment

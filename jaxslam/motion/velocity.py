@@ -1,26 +1,15 @@
 """The velocity motion model: an arc, then a small rotation in place."""
 
-import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float
 
 from jaxslam.core import se2
-from jaxslam.core.types import OdometryIncrement
+from jaxslam.core.types import OdometryIncrement, Scalar
 from jaxslam.core.validation import require_at_least_zero
-from jaxslam.motion._wheel_noise import (
-    ACROSS,
-    ALONG,
-    FINAL_ROTATION,
-    TURN,
-    Scalar,
-    increment_log_prob,
-    predicted_frame_covariance,
-    sample_increment,
-)
-from jaxslam.motion.base import AbstractMotionModel
+from jaxslam.motion._wheel_noise import ACROSS, ALONG, FINAL_ROTATION, TURN, AbstractWheelModel, NoiseModel
 
 
-class VelocityMotion(AbstractMotionModel):
+class VelocityMotion(AbstractWheelModel):
     r"""Constant speed and turn rate over a step, each with noise, and a final rotation.
 
     The noise of $v$, $\omega$ and the final rotation $\gamma$ is normal with the **variances** of
@@ -45,7 +34,7 @@ class VelocityMotion(AbstractMotionModel):
 
     References:
         Thrun, Burgard, Fox 2005, table 5.3 (`sample`) and 5.1 (`log_prob`, with the Jacobian and the
-        noise of table 5.3, see `increment_log_prob`).
+        noise of table 5.3).
 
     Example:
         1 m straight ahead with α1 = 0.01, α3 = 0.01, α5 = 0.005 and floors of 5 mm and 5 mrad:
@@ -65,29 +54,24 @@ class VelocityMotion(AbstractMotionModel):
     def __check_init__(self):
         require_at_least_zero(self, positive=("translation_floor", "rotation_floor"))
 
-    def sample(
-        self, key: PRNGKeyArray, pose: Float[Array, "3"], odometry: OdometryIncrement
-    ) -> Float[Array, "3"]:
-        """Draw the next pose `[3]` (table 5.3)."""
-        arc = _Arc.through(odometry.delta)
-        increment = sample_increment(key, arc.noisy_increment, self._variances(arc))
-        return se2.compose(pose, increment)
+    def noise_model(self, odometry: OdometryIncrement) -> NoiseModel:
+        """Return the noise of the arc of an increment (table 5.3)."""
+        # With the angle wrapped, half of it stays within a quarter turn, where the chord is never zero.
+        angle = se2.wrap(odometry.delta[2])
+        chord, across = se2.rotate(-0.5 * angle, odometry.delta[:2])
+        length = chord / _chord_per_arc(angle)
 
-    def log_prob(
-        self, pose_next: Float[Array, "3"], pose: Float[Array, "3"], odometry: OdometryIncrement
-    ) -> Float[Array, ""]:
-        """Return the natural log of the density of `pose_next` per m²·rad; finite everywhere."""
-        arc = _Arc.through(odometry.delta)
-        increment = se2.relative(pose, pose_next)
-        return increment_log_prob(increment, arc.noisy_increment, self._variances(arc))
+        def noisy_increment(noise: Float[Array, "4"]) -> Float[Array, "3"]:
+            noisy_angle = angle + noise[TURN]
+            noisy_chord = (length + noise[ALONG]) * _chord_per_arc(noisy_angle)
+            translation = jnp.stack([noisy_chord, across + noise[ACROSS]])
+            heading = se2.wrap(noisy_angle + noise[FINAL_ROTATION])
+            return jnp.append(se2.rotate(0.5 * noisy_angle, translation), heading)
 
-    def covariance(self, odometry: OdometryIncrement) -> Float[Array, "3 3"]:
-        """Return the covariance `[3, 3]` of the increment in the predicted pose's frame (m², m·rad, rad²)."""
-        arc = _Arc.through(odometry.delta)
-        return predicted_frame_covariance(arc.noisy_increment, self._variances(arc))
+        return noisy_increment, self._variances(length * length, angle * angle)
 
-    def _variances(self, arc: "_Arc") -> Float[Array, "4"]:
-        translation, rotation = arc.length * arc.length, arc.angle * arc.angle
+    def _variances(self, translation: Float[Array, ""], rotation: Float[Array, ""]) -> Float[Array, "4"]:
+        """Return the variances of the noise from the squares of the arc's length and angle."""
         translation_floor = self.translation_floor * self.translation_floor
         # The arc and the final rotation share the floor, so the heading's deviation is never below it.
         rotation_floor = 0.5 * self.rotation_floor * self.rotation_floor
@@ -107,29 +91,6 @@ class VelocityMotion(AbstractMotionModel):
             + rotation_floor
         )
         return jnp.stack([turn, along, jnp.full_like(along, translation_floor), final_rotation])
-
-
-class _Arc(eqx.Module):
-    """Arc of signed length (m) and angle (rad), with a shift perpendicular to its chord (m)."""
-
-    length: Float[Array, ""]
-    angle: Float[Array, ""]
-    across: Float[Array, ""]
-
-    @classmethod
-    def through(cls, delta: Float[Array, "3"]) -> "_Arc":
-        # With the angle wrapped, half of it stays within a quarter turn, where the chord is never zero.
-        angle = se2.wrap(delta[2])
-        chord, across = se2.rotate(-0.5 * angle, delta[:2])
-        return cls(chord / _chord_per_arc(angle), angle, across)
-
-    def noisy_increment(self, noise: Float[Array, "4"]) -> Float[Array, "3"]:
-        """Return the increment `[3]` with noise `[4]` (turn, along, across, final rotation) added."""
-        angle = self.angle + noise[TURN]
-        chord = (self.length + noise[ALONG]) * _chord_per_arc(angle)
-        translation = jnp.stack([chord, self.across + noise[ACROSS]])
-        heading = se2.wrap(angle + noise[FINAL_ROTATION])
-        return jnp.append(se2.rotate(0.5 * angle, translation), heading)
 
 
 def _chord_per_arc(angle: Float[Array, ""]) -> Float[Array, ""]:

@@ -17,7 +17,7 @@ from jaxslam.range_network.network import RangeNetwork
 from jaxslam.slam.rbpf import RBPF
 from jaxslam.xla.resources import physical_memory
 
-_MAX_CELLS = 2**31 - 1
+_MAX_COUNT = 2**31 - 1
 _MAX_BINS = 2**27
 _BYTES_PER_PARTICLE = 200
 """Memory of a step: 137 bytes according to the compiler, plus a reserve for the pictures."""
@@ -56,7 +56,15 @@ def build_slam(
     # A map with a small margin must still be large enough for the window.
     missing = np.maximum(window_rows(window_size, radius) * resolution - (upper - lower), 0.0)
     lower, upper = lower - missing / 2, upper + missing / 2
-    _check_memory(config, upper - lower)
+    width, height = upper - lower
+    cells = float(np.prod(np.ceil((upper - lower) / resolution)))
+    _check_memory(
+        f"{config.num_particles} maps of {width:.0f} × {height:.0f} m",
+        cells,
+        # One byte per cell and particle, and twice that while particles are resampled.
+        2 * cells * config.num_particles,
+        "lower num_particles or map.margin, or raise map.resolution",
+    )
     return RBPF(
         grid=GridSpec.covering(lower, upper, resolution),
         motion=config.motion,
@@ -88,7 +96,8 @@ def build_localizer(
         ValueError: the map has no obstacle or no free space, the bins are too small for the map, or the
             particles would not fit into memory.
     """
-    _check_particles(config)
+    count = config.max_particles
+    _check_memory(f"{count} particles", count, count * _BYTES_PER_PARTICLE, "lower max_particles")
     map = KnownMap.from_map(occupancy, float(config.max_distance))
     bins = Bins.over(map, float(config.bins.translation), float(config.bins.rotation))
     if bins.count > _MAX_BINS:
@@ -115,23 +124,10 @@ def build_localizer(
     )
 
 
-def _check_memory(config: SlamConfig, extent: Float64[np.ndarray, "2"]) -> None:
-    cells = float(np.prod(np.ceil(extent / float(config.map.resolution))))
-    # One byte per cell and particle, and twice that while particles are resampled.
-    needed = 2 * cells * config.num_particles
+def _check_memory(items: str, count: float, needed: float, remedy: str) -> None:
+    """Raise `ValueError` if there are too many items, or if they need more bytes than are available."""
     available = physical_memory()
-    if cells > _MAX_CELLS or needed > available:
+    if count > _MAX_COUNT or needed > available:
         raise ValueError(
-            f"{config.num_particles} maps of {extent[0]:.0f} × {extent[1]:.0f} m need "
-            f"{needed / 1e9:.3g} GB, but only {available / 1e9:.3g} GB are available: lower num_particles or "
-            "map.margin, or raise map.resolution"
-        )
-
-
-def _check_particles(config: LocalizationConfig) -> None:
-    needed, available = config.max_particles * _BYTES_PER_PARTICLE, physical_memory()
-    if needed > available or config.max_particles >= 2**31:
-        raise ValueError(
-            f"{config.max_particles} particles need {needed / 1e9:.3g} GB, but only "
-            f"{available / 1e9:.3g} GB are available: lower max_particles"
+            f"{items} need {needed / 1e9:.3g} GB, but only {available / 1e9:.3g} GB are available: {remedy}"
         )

@@ -107,13 +107,17 @@ def run_in_chunks(
         every: scans per chunk, at most `CHUNK`.
     """
     total = inputs.scan.ranges.shape[0]
-    inputs, infos, run_s = pad_inputs(inputs), [], 0.0
+    inputs, infos, run_s = pad_inputs(inputs, total), [], 0.0
     program = _program(tuned)
     started = time.perf_counter()
     # A call with 0 steps only compiles, unless the program was compiled before.
     state, _ = jax.block_until_ready(program(filter_, inputs, key, state, first=0, count=0))
     compile_s = time.perf_counter() - started
-    bar = None if progress is None else _progress_bar(total, progress)
+    bar = None
+    if progress is not None:
+        from tqdm import tqdm
+
+        bar = tqdm(total=total, unit="scan", desc=progress, dynamic_ncols=True)
     for first in range(0, total, every):
         count = min(every, total - first)
         started = time.perf_counter()
@@ -131,11 +135,15 @@ def run_in_chunks(
     return ChunkedRun(state, together, compile_s, run_s)
 
 
-def pad_inputs(inputs: StepInputs) -> StepInputs:
-    """Pad the inputs to a power of two, so that logs of similar length share one compilation."""
-    total = inputs.scan.ranges.shape[0]
-    size = 1 << max(total - 1, 1).bit_length()
-    return jax.tree.map(lambda leaf: jnp.pad(leaf, [(0, size - total)] + [(0, 0)] * (leaf.ndim - 1)), inputs)
+def pad_inputs(inputs: StepInputs, longest: int) -> StepInputs:
+    """Pad the inputs to a power of two ≥ `longest`, so that logs of similar length share one compilation."""
+    size = 1 << max(longest - 1, 1).bit_length()
+
+    def pad(leaf: Array) -> Array:
+        # NumPy, because JAX would compile a program for each length.
+        return jnp.asarray(np.pad(leaf, [(0, size - len(leaf))] + [(0, 0)] * (leaf.ndim - 1)))
+
+    return jax.tree.map(pad, inputs)
 
 
 @functools.cache
@@ -146,9 +154,3 @@ def _program(tuned: bool) -> Callable[..., tuple[Any, Any]]:
         donate_argnums=(3,),
         compiler_options=compiler_options() if tuned else None,
     )
-
-
-def _progress_bar(total: int, label: str):
-    from tqdm import tqdm
-
-    return tqdm(total=total, unit="scan", desc=label, dynamic_ncols=True)

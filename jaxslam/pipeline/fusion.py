@@ -73,15 +73,15 @@ def with_fused_odometry(
     fused, yaw = fuse_tracks(settings, log.odometry, log.imu, scans.stamps)
     # Fuse again at the stamps of all scans, because each stamp starts a new increment.
     everywhere, _ = fuse_tracks(settings, log.odometry, log.imu, scans.all_stamps)
-    odometry = eqx.tree_at(
-        lambda o: (o.delta, o.covariance),
-        scans.inputs.odometry,
+    inputs = eqx.tree_at(
+        lambda i: (i.odometry.delta, i.odometry.covariance),
+        scans.inputs,
         (jnp.asarray(fused.deltas, jnp.float32), jnp.asarray(fused.covariances, jnp.float32)),
     )
     positions = everywhere.poses[:, :2]
     return dataclasses.replace(
         scans,
-        inputs=eqx.tree_at(lambda i: i.odometry, scans.inputs, odometry),
+        inputs=inputs,
         pose0=fused.poses[0],
         all_odometry=everywhere.poses,
         odometry_bounds=np.stack([positions.min(axis=0), positions.max(axis=0)]),

@@ -17,6 +17,9 @@ from jaxslam.fusion.imu import YawTrack
 from jaxslam.io.log import LogError, SensorLog
 from jaxslam.preprocess.deskew import SweepTiming
 
+_TOLERANCE = 0.5
+"""Time by which scans may lie outside the odometry, seconds."""
+
 
 @dataclass(frozen=True)
 class PreparedScans:
@@ -62,15 +65,12 @@ class PreparedScans:
         return f"PreparedScans({', '.join(parts)})"
 
 
-def pair_scans(
-    log: SensorLog, thinning: Thinning, range_limits: tuple[float, float] = (0.0, float("inf"))
-) -> PreparedScans:
+def pair_scans(log: SensorLog, thinning: Thinning) -> PreparedScans:
     """Thin the scans by motion, and pair each with the odometry since the previous processed scan.
 
     Args:
         log: log with scans and odometry.
         thinning: rule for which scans are processed.
-        range_limits: lower (inclusive) and upper (exclusive) limit of ranges that count as a return, meters.
 
     Raises:
         LogError: the log has no scans or no odometry, or the two do not overlap in time.
@@ -80,33 +80,26 @@ def pair_scans(
     if log.odometry is None or len(log.odometry.stamps) == 0:
         raise LogError(f"{log.path}: no odometry in it: give a log with wheel odometry (see `jaxslam info`)")
     scans, odometry = log.scans, log.odometry
-    tolerance = 0.5
-    within = (scans.stamps >= odometry.stamps[0] - tolerance) & (
-        scans.stamps <= odometry.stamps[-1] + tolerance
-    )
-    if not within.any():
+    first, last = odometry.stamps[0] - _TOLERANCE, odometry.stamps[-1] + _TOLERANCE
+    candidates = np.flatnonzero((scans.stamps >= first) & (scans.stamps <= last))
+    if candidates.size == 0:
         raise LogError(
             f"{log.path}: scans (from {scans.stamps[0]:.3f} s) and odometry (from "
             f"{odometry.stamps[0]:.3f} s) do not overlap in time: check the clocks that stamped them"
         )
-    candidates = np.flatnonzero(within)
     poses = interpolate_poses(odometry.stamps, odometry.poses, scans.stamps[candidates])
     kept = _moved_enough(poses, thinning)
-    chosen = candidates[kept]
-    kept_poses = poses[kept]
-    deltas = np.zeros((len(kept), 3))
+    chosen, kept_poses, count = candidates[kept], poses[kept], len(kept)
+    deltas = np.zeros((count, 3))
     deltas[1:] = se2.relative(kept_poses[:-1], kept_poses[1:])
     stamps = scans.stamps[chosen]
-    intervals = np.diff(stamps, prepend=stamps[0])
     ranges = scans.ranges[chosen]
-    shortest, longest = range_limits
-    valid = np.isfinite(ranges) & (ranges >= shortest) & (ranges < longest)
-    count = len(kept)
+    valid = np.isfinite(ranges) & (ranges >= 0.0)
     inputs = StepInputs(
         odometry=OdometryIncrement(
             delta=jnp.asarray(deltas, jnp.float32),
             covariance=jnp.zeros((count, 3, 3), jnp.float32),
-            dt=jnp.asarray(intervals, jnp.float32),
+            dt=jnp.asarray(np.diff(stamps, prepend=stamps[0]), jnp.float32),
         ),
         scan=LidarScan(
             ranges=jnp.asarray(np.where(valid, ranges, 0.0), jnp.float32),
@@ -132,11 +125,9 @@ def pair_scans(
 
 def _moved_enough(poses: Float64[np.ndarray, "S 3"], thinning: Thinning) -> Int[np.ndarray, "T"]:
     steps = se2.relative(poses[:-1], poses[1:])
-    translations = np.hypot(steps[:, 0], steps[:, 1])
-    rotations = np.abs(steps[:, 2])
     kept, translation, rotation = [0], 0.0, 0.0
-    for index, (step, turn) in enumerate(zip(translations, rotations, strict=True), start=1):
-        translation, rotation = translation + step, rotation + turn
+    for index, (x, y, turn) in enumerate(steps, start=1):
+        translation, rotation = translation + np.hypot(x, y), rotation + abs(turn)
         if translation >= thinning.min_translation or rotation >= thinning.min_rotation:
             kept.append(index)
             translation = rotation = 0.0

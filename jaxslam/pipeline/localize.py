@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int, PRNGKeyArray
+from jaxtyping import Bool, Float64, Int, PRNGKeyArray
 
 from jaxslam.core import se2
 from jaxslam.core.flags import Flag
@@ -16,6 +16,7 @@ from jaxslam.localization import AMCL, AMCLInfo, AMCLState
 from jaxslam.localization.start import start_at
 from jaxslam.pipeline.chunks import CHUNK, run_in_chunks
 from jaxslam.pipeline.inputs import PreparedScans
+from jaxslam.pipeline.result import AbstractResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,8 +48,8 @@ class Cloud:
         return f"Cloud({len(self.particles)} particles after {len(self.estimates)} scans)"
 
 
-@dataclass(frozen=True)
-class LocalizationResult:
+@dataclass(frozen=True, repr=False)
+class LocalizationResult(AbstractResult):
     """The result of a localization. A notebook shows it as a picture and a table.
 
     Attributes:
@@ -80,26 +81,17 @@ class LocalizationResult:
     compile_s: float
     run_s: float
 
-    def __repr__(self) -> str:
+    def _facts(self) -> list[str]:
         found = f"converged after {self.converged_after_s:.3g} s" if self.agreed.any() else "not converged"
-        parts = [
-            f"{len(self.stamps)} scans",
-            found if self.converged or not self.agreed.any() else f"{found}, lost at the end",
-            f"{len(self.particles)} particles at the end",
-            f"{self.ms_per_scan:.3g} ms per scan",
-        ]
-        parts += [f"{len(self.warnings)} warnings"] if self.warnings else []
-        return f"LocalizationResult({', '.join(parts)})"
+        lost = ["lost at the end"] if self.agreed.any() and not self.converged else []
+        return [found, *lost, f"{len(self.particles)} particles at the end"]
 
-    def _repr_html_(self) -> str:
-        from jaxslam.viz.notebook import localization_html
-
-        return localization_html(self)
-
-    def _repr_png_(self) -> bytes:
-        from jaxslam.viz.notebook import localization_png
-
-        return localization_png(self)
+    def _rows(self) -> dict[str, str]:
+        return {
+            "scans": f"{len(self.stamps)} processed of {len(self.all_stamps)}",
+            "particles": f"{self.infos.num_particles[0]} at first, {len(self.particles)} at the end",
+            "converged": "yes" if self.converged else "no",
+        }
 
     def plot(self, ax: "Axes | None" = None, *, truth: Any = None) -> "Axes":
         """Draw the map, the path where the particles agreed, and the final particles; needs matplotlib.
@@ -127,16 +119,6 @@ class LocalizationResult:
         return save_localization(self, Path(folder))
 
     @property
-    def stamps(self) -> Float64[np.ndarray, "T"]:
-        """Stamps of the processed scans, seconds."""
-        return self.scans.stamps
-
-    @property
-    def all_stamps(self) -> Float64[np.ndarray, "S"]:
-        """Stamps of all scans, seconds."""
-        return self.scans.all_stamps
-
-    @property
     def agreed(self) -> Bool[np.ndarray, "T"]:
         """Steps at which the particles agree and the scan fits the map."""
         return np.asarray(self.infos.converged & ~self.infos.lost)
@@ -158,11 +140,6 @@ class LocalizationResult:
         Either the robot was carried to another place, or one of the two estimates is wrong.
         """
         return len(find_jumps(self.estimates[self.agreed], self.odometry[self.agreed]))
-
-    @property
-    def ms_per_scan(self) -> float:
-        """Run time per processed scan, milliseconds."""
-        return 1e3 * self.run_s / len(self.stamps)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -274,5 +251,5 @@ def localize_log(
 
 def _active(state: AMCLState) -> tuple[Float64[np.ndarray, "n 3"], Float64[np.ndarray, "n"]]:
     count = int(state.num_particles)
-    weights: Float32[np.ndarray, "n"] = np.exp(np.asarray(state.log_weights)[:count])
+    weights = np.exp(np.asarray(state.log_weights)[:count])
     return np.asarray(state.poses, float)[:count], weights.astype(float)

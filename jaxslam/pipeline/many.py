@@ -75,9 +75,17 @@ class ManyResult:
         )
 
     def _repr_html_(self) -> str:
-        from jaxslam.viz.notebook import many_html
+        from jaxslam.viz.notebook import table_html
 
-        return many_html(self)
+        num_configs, num_keys, num_scans, _ = self.trajectories.shape
+        return table_html(
+            {
+                "runs": f"{num_configs} configurations × {num_keys} keys",
+                "scans": f"{num_scans} in the longest run",
+                "time": f"{self.scans_per_s:.0f} scans per second, {self.compile_s:.1f} s to compile",
+                "left the map": f"{int(self.left_map.sum())} of {self.left_map.size} runs",
+            }
+        )
 
 
 def run_many(
@@ -134,10 +142,7 @@ def run_many(
     over = _inputs(inputs)
     room = over.inputs.scan.ranges.shape[1]
     kept_maps = len(filters) * len(keys) if maps else 0
-    if devices is None:
-        used = _fitting_devices(slam, room, together, used, kept_maps)
-    _check_memory(slam, room, together, used, kept_maps)
-
+    used = _devices_in_memory(used, slam, room, together, kept_maps, drop_some=devices is None)
     program = _program(used, together, room, maps)
     # NumPy, because indexing JAX arrays for each call takes longer than a short run, and because Python
     # floats would be weakly typed and compile a second program.
@@ -263,23 +268,25 @@ def _program(
 
 def _filters(slam: RBPF, configs: Mapping[str, Any] | Sequence[RBPF] | None) -> list[RBPF]:
     """Return one filter for each configuration; all have the same structure."""
-    if configs is None:
+    if configs is None or configs == {}:
         return [slam]
     if isinstance(configs, Mapping):
-        values = {name: np.atleast_1d(np.asarray(given)).tolist() for name, given in configs.items()}
+        values = {name: np.atleast_1d(given).tolist() for name, given in configs.items()}
         sizes = {name: len(given) for name, given in values.items()}
         if len(set(sizes.values())) > 1:
             raise ValueError(
                 f"the settings have different numbers of values, {sizes}: give each the same number"
             )
-        rows = [dict(zip(values, row, strict=True)) for row in zip(*values.values(), strict=True)]
-        filters = [update(slam, row) for row in (rows if values else [{}])]
+        rows = zip(*values.values(), strict=True)
+        filters = [update(slam, dict(zip(values, row, strict=True))) for row in rows]
     else:
         filters = list(configs)
     if not filters:
         raise ValueError("configs is empty: give None to run the filter as it is")
+    # The structure determines the program: it holds everything but the traced numbers.
+    program: Any = jax.tree.structure(slam)
     for index, other in enumerate(filters):
-        if _structure(other) != _structure(slam):
+        if program != jax.tree.structure(other):
             raise ValueError(
                 f"configuration {index} does not share the program of the filter: {_difference(slam, other)}"
             )
@@ -288,20 +295,12 @@ def _filters(slam: RBPF, configs: Mapping[str, Any] | Sequence[RBPF] | None) -> 
 
 def _difference(one: RBPF, other: RBPF) -> str:
     """Describe the settings that prevent two filters from sharing a program."""
-    before, after = flatten(one), flatten(other)
-    changed = {name: after[name] for name in before if name in after and after[name] != before[name]}
-    static = [
-        name
-        for name, value in changed.items()
-        if _structure(update(one, {name: value}, exact=True)) != _structure(one)
-    ]
+    before, after, program = flatten(one), flatten(other), jax.tree.structure(one)  # type: Any, Any, Any
+    changed = [name for name in before if name in after and after[name] != before[name]]
+    updated = {name: update(one, {name: after[name]}, exact=True) for name in changed}
+    static = [name for name in changed if program != jax.tree.structure(updated[name])]
     names = ", ".join(static) or "a part of the filter"
     return f"{names} is a size or a choice: call run_many once for each value"
-
-
-def _structure(slam: RBPF) -> Any:
-    """Return everything that determines the program: all but the traced numbers."""
-    return jax.tree.structure(slam)
 
 
 def _inputs(inputs: Sequence[PreparedScans]) -> _Inputs:
@@ -311,73 +310,64 @@ def _inputs(inputs: Sequence[PreparedScans]) -> _Inputs:
         raise ValueError(
             f"all inputs must have the same number of beams, got {' and '.join(map(str, sorted(shapes)))}"
         )
-    longest = max((each.inputs for each in inputs), key=lambda each: len(each.scan.ranges))
-    room = len(pad_inputs(longest).scan.ranges)
-    lengthened = [
-        jax.tree.map(
-            lambda leaf: np.pad(leaf, [(0, room - len(leaf))] + [(0, 0)] * (leaf.ndim - 1)), each.inputs
-        )
-        for each in inputs
-    ]
+    lengths = [len(each.stamps) for each in inputs]
+    padded = [pad_inputs(each.inputs, max(lengths)) for each in inputs]
     return _Inputs(
-        inputs=jax.tree.map(lambda *leaves: jnp.stack(leaves), *lengthened),
+        inputs=jax.tree.map(lambda *leaves: jnp.stack(leaves), *padded),
         pose0=jnp.asarray(np.stack([each.pose0 for each in inputs]), jnp.float32),
-        lengths=jnp.asarray([len(each.stamps) for each in inputs], jnp.int32),
+        lengths=jnp.asarray(lengths, jnp.int32),
     )
 
 
-def bytes_needed(slam: RBPF, num_steps: int, *, together: int, num_devices: int, kept_maps: int) -> float:
-    """Estimate the memory that `run_many` allocates, bytes.
+def bytes_per_device(slam: RBPF, num_steps: int, together: int) -> float:
+    """Estimate the memory of the runs on one device, bytes.
 
     Args:
         slam: the filter.
         num_steps: number of steps of the longest input, padded to a power of two.
-        together: number of runs that are vmapped on a device.
-        num_devices: number of devices that share one memory, as CPU devices do.
-        kept_maps: number of maps that are kept for the result.
+        together: number of runs that are vmapped on the device.
 
     Example:
         30 maps of 1200 × 1000 cells and a window of 336² cells: 36 + 17 MB for a single run, and
         3 · 36 + 17 MB for each of several vmapped runs.
     """
-    cells = slam.grid.height * slam.grid.width
-    window = window_rows(slam.window_size, slam.radius) * slam.window_size
     copies = _COPIES if together > 1 else 1
-    particle = copies * cells + _BYTES_PER_WINDOW_CELL * window + _BYTES_PER_INFO * num_steps
-    return float(num_devices * together * slam.num_particles * particle + kept_maps * cells)
+    window = window_rows(slam.window_size, slam.radius) * slam.window_size
+    particle = copies * slam.grid.height * slam.grid.width
+    particle += _BYTES_PER_WINDOW_CELL * window + _BYTES_PER_INFO * num_steps
+    return float(together * slam.num_particles * particle)
 
 
-def _fitting_devices(
-    slam: RBPF, num_steps: int, together: int, devices: tuple[jax.Device, ...], kept_maps: int
+def _devices_in_memory(
+    devices: tuple[jax.Device, ...],
+    slam: RBPF,
+    num_steps: int,
+    together: int,
+    kept_maps: int,
+    *,
+    drop_some: bool,
 ) -> tuple[jax.Device, ...]:
-    """Return as many of the devices as fit into memory, at least one."""
-    if devices[0].platform != "cpu":
-        return devices
-    alone, both = (
-        bytes_needed(slam, num_steps, together=together, num_devices=count, kept_maps=kept_maps)
-        for count in (1, 2)
-    )
-    spare = physical_memory() - alone
-    return devices[: 1 + int(min(max(spare / (both - alone), 0.0), len(devices)))]
+    """Return the devices; `drop_some` limits those of a CPU to the number that fits into memory.
 
-
-def _check_memory(
-    slam: RBPF, num_steps: int, together: int, devices: tuple[jax.Device, ...], kept_maps: int
-) -> None:
-    # CPU devices share the memory of the host; every other device has its own.
-    own = devices[0].platform != "cpu"
-    num_devices = 1 if own else len(devices)
-    needed = bytes_needed(
-        slam, num_steps, together=together, num_devices=num_devices, kept_maps=0 if own else kept_maps
-    )
-    available = memory_of(devices[0]) if own else physical_memory()
+    Raises:
+        ValueError: the runs do not fit into memory.
+    """
+    # CPU devices share the memory of the host, which also holds the kept maps; others have their own memory.
+    on_host = devices[0].platform == "cpu"
+    available = physical_memory() if on_host else memory_of(devices[0])
+    height, width = slam.grid.height, slam.grid.width
+    each, kept = bytes_per_device(slam, num_steps, together), kept_maps * height * width if on_host else 0
+    if on_host and drop_some:
+        devices = devices[: int(np.clip((available - kept) / each, 1, len(devices)))]
+    num_sharing = len(devices) if on_host else 1
+    needed = num_sharing * each + kept
     if needed > available:
-        height, width = slam.grid.height, slam.grid.width
         raise ValueError(
-            f"{num_devices * together} parallel runs of {slam.num_particles} maps of {height} × {width} "
+            f"{num_sharing * together} parallel runs of {slam.num_particles} maps of {height} × {width} "
             f"cells and {kept_maps} kept maps need {needed / 1e9:.3g} GB, but only {available / 1e9:.3g} "
             "GB are available: lower `together`, the number of devices or of particles, or keep no maps"
         )
+    return devices
 
 
 def _with_progress(calls: Int[np.ndarray, "n R 2"], progress: bool) -> Iterable[Int[np.ndarray, "R 2"]]:

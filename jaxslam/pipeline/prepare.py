@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from jaxslam.config.lidar import LidarSettings
 from jaxslam.config.lidar_presets import detect_lidar
 from jaxslam.config.localization import LocalizationConfig
 from jaxslam.config.slam import SlamConfig
@@ -38,16 +39,18 @@ def prepare(
         LogError: the log lacks what the configuration needs.
         ValueError: the maps would not fit into memory.
     """
-    config = SlamConfig() if config is None else config
-    config, log, timing = _corrected(log, config)
-    scans = replace(pair_scans(log, config.thinning), timing=timing)
+    config = config or SlamConfig()
+    lidar = config.lidar or LidarSettings.from_preset(detect_lidar(log))
+    log, timing = correct_scans(log, lidar)
+    config = replace(config, lidar=lidar)
+    scans = replace(pair_scans(log, config.thinning), timing=timing, config=config)
     motion = config.motion
-    if _is_fused(log, config.fusion.use):
+    can_be_fused = log.imu is not None and turning_is_known(log.imu)
+    if config.fusion.use == "on" or (config.fusion.use == "auto" and can_be_fused):
         scans = with_fused_odometry(scans, log, config.fusion)
         # Only GaussianMotion uses the fused covariance; the other models describe the noise of wheels.
         motion = motion if isinstance(motion, GaussianMotion) else GaussianMotion()
-    slam = build_slam(replace(config, motion=motion), scans.odometry_bounds, range_network)
-    return slam, replace(scans, config=config)
+    return build_slam(replace(config, motion=motion), scans.odometry_bounds, range_network), scans
 
 
 def prepare_localization(
@@ -73,19 +76,8 @@ def prepare_localization(
         LogError: the log lacks scans or odometry.
         ValueError: the map has no obstacle or no free space, or the filter would not fit into memory.
     """
-    config = LocalizationConfig() if config is None else config
-    config, log, timing = _corrected(log, config)
-    localizer = build_localizer(config, map, range_network)
-    return localizer, replace(pair_scans(log, config.thinning), timing=timing, config=config)
-
-
-def _corrected(log: SensorLog, config):
-    """Return the configuration with its lidar, the log with corrected scans, and the timing of the scans."""
-    if config.lidar is None:
-        config = config.with_lidar(detect_lidar(log))
-    corrected, timing = correct_scans(log, config.lidar)
-    return config, corrected, timing
-
-
-def _is_fused(log: SensorLog, use: str) -> bool:
-    return use == "on" or (use == "auto" and log.imu is not None and turning_is_known(log.imu))
+    config = config or LocalizationConfig()
+    lidar = config.lidar or LidarSettings.from_preset(detect_lidar(log))
+    log, timing = correct_scans(log, lidar)
+    scans = replace(pair_scans(log, config.thinning), timing=timing, config=replace(config, lidar=lidar))
+    return build_localizer(config, map, range_network), scans

@@ -19,6 +19,7 @@ from jaxslam.grid.spec import GridSpec
 from jaxslam.io.map_server import FREE_THRESHOLD, OCCUPIED_THRESHOLD, OccupancyMap
 from jaxslam.pipeline.chunks import run_in_chunks
 from jaxslam.pipeline.inputs import PreparedScans
+from jaxslam.pipeline.result import AbstractResult
 from jaxslam.slam.rbpf import RBPF, RBPFState, StepInfo
 
 if TYPE_CHECKING:
@@ -58,8 +59,8 @@ class Snapshot:
         return f"Snapshot({len(self.particles)} particles after {len(self.trajectory)} scans)"
 
 
-@dataclass(frozen=True)
-class RunResult:
+@dataclass(frozen=True, repr=False)
+class RunResult(AbstractResult):
     """The result of a run. A notebook shows it as a picture and a table.
 
     Attributes:
@@ -87,26 +88,20 @@ class RunResult:
     compile_s: float
     run_s: float
 
-    def __repr__(self) -> str:
+    def _facts(self) -> list[str]:
         height, width = self.log_odds.shape
-        parts = [
-            f"{len(self.stamps)} scans",
-            f"{len(self.particles)} particles",
-            f"map {width} × {height} cells of {float(self.grid.resolution):.3g} m",
-            f"{self.ms_per_scan:.3g} ms per scan",
-        ]
-        parts += [f"{len(self.warnings)} warnings"] if self.warnings else []
-        return f"RunResult({', '.join(parts)})"
+        side = float(self.grid.resolution)
+        return [f"{len(self.particles)} particles", f"map {width} × {height} cells of {side:.3g} m"]
 
-    def _repr_html_(self) -> str:
-        from jaxslam.viz.notebook import run_html
-
-        return run_html(self)
-
-    def _repr_png_(self) -> bytes:
-        from jaxslam.viz.notebook import run_png
-
-        return run_png(self)
+    def _rows(self) -> dict[str, str]:
+        height, width = self.log_odds.shape
+        side = float(self.grid.resolution)
+        return {
+            "scans": f"{len(self.stamps)} processed of {self.scans.num_scans}",
+            "particles": str(len(self.particles)),
+            "map": f"{width * side:.1f} × {height * side:.1f} m, cells of {side:.3g} m",
+            "resamplings": str(int(self.resampled.sum())),
+        }
 
     def plot(self, ax: "Axes | None" = None, *, truth: Any = None) -> "Axes":
         """Draw the map, the path and the particles; needs matplotlib.
@@ -141,8 +136,8 @@ class RunResult:
         """
         config = self.scans.config
         # float32 stores 0.05 as 0.0500000007: take the configured number.
-        exact = isinstance(config, SlamConfig)
-        resolution = float(config.map.resolution if exact else self.grid.resolution)  # type: ignore[union-attr]
+        configured = config.map if isinstance(config, SlamConfig) else self.grid
+        resolution = float(configured.resolution)
         box = known_box(self.log_odds, margin=round(_MAP_MARGIN / resolution))
         corner = np.asarray(self.grid.origin, np.float64) + resolution * np.array([box.column, box.row])
         probability = occupancy_probability(box.cut(self.log_odds))
@@ -154,29 +149,10 @@ class RunResult:
         )
 
     @property
-    def stamps(self) -> Float64[np.ndarray, "T"]:
-        """Stamps of the processed scans, seconds."""
-        return self.scans.stamps
-
-    @property
-    def all_stamps(self) -> Float64[np.ndarray, "S"]:
-        """Stamps of all scans, seconds."""
-        return self.scans.all_stamps
-
-    @property
-    def ms_per_scan(self) -> float:
-        """Run time per processed scan, milliseconds."""
-        return 1e3 * self.run_s / len(self.stamps)
-
-    @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about flagged steps, one line for each kind of flag."""
-        counts = {flag: int(np.count_nonzero(self.flags & flag.value)) for flag in _WARNINGS}
-        return tuple(
-            f"{count} of {len(self.flags)} steps: {_WARNINGS[flag]}"
-            for flag, count in counts.items()
-            if count
-        )
+        counts = {text: np.count_nonzero(self.flags & flag.value) for flag, text in _WARNINGS.items()}
+        return tuple(f"{count} of {len(self.flags)} steps: {text}" for text, count in counts.items() if count)
 
     @property
     def ess(self) -> Float32[np.ndarray, "T"]:
@@ -266,10 +242,9 @@ def _raise_for_flags(infos: list[StepInfo], scans: PreparedScans) -> None:
     off_map = np.flatnonzero(infos[-1].flags & Flag.OFF_MAP.value)
     if off_map.size:
         step = sum(len(info.flags) for info in infos[:-1]) + off_map[0]
-        stamp = scans.stamps[step]
         raise SlamError(
-            f"the robot reached the edge of the map at scan {scans.scan_index[step]} "
-            f"(t = {stamp:.3f} s): raise map.margin (--map-margin, meters around the odometry path)"
+            f"the robot reached the edge of the map at scan {scans.scan_index[step]} (t = "
+            f"{scans.stamps[step]:.3f} s): raise map.margin (--map-margin, meters around the odometry path)"
         )
 
 

@@ -13,6 +13,7 @@ from jaxtyping import Float32, Float64
 from jaxslam.core import se2
 from jaxslam.core.trajectory import interpolate_poses
 from jaxslam.io.log import OdometryTrack, ScanTrack, SensorLog
+from jaxslam.io.stamps import nearest_rows
 from jaxslam.preprocess.lag import ScanLag, estimate_lag
 
 _LONGEST_INTERVAL = 0.3
@@ -103,13 +104,8 @@ def deskew(log: SensorLog, timing: SweepTiming) -> SensorLog:
     ranges = scans.ranges.copy()
     for row in np.flatnonzero(moved):
         path = np.stack([np.interp(np.arange(num_beams), beams, knots[row, :, i]) for i in range(3)], axis=1)
-        ranges[row] = _seen_from_rest(
-            scans.ranges[row],
-            path,
-            float(scans.angle_min[row]),
-            float(scans.angle_increment[row]),
-            int(scans.num_beams[row]),
-        )
+        first, step, count = scans.angle_min[row], scans.angle_increment[row], scans.num_beams[row]
+        ranges[row, :count] = _seen_from_rest(scans.ranges[row, :count], path[:count], first, step)
     return dataclasses.replace(log, scans=dataclasses.replace(scans, ranges=ranges, time_increment=0.0))
 
 
@@ -120,8 +116,8 @@ def _lidar_poses(
 
 
 def _seen_from_rest(
-    ranges: Float32[np.ndarray, "B"], path: Float64[np.ndarray, "B 3"], first: float, step: float, count: int
-) -> Float32[np.ndarray, "B"]:
+    ranges: Float32[np.ndarray, "B"], path: Float64[np.ndarray, "B 3"], first: float, step: float
+) -> Float64[np.ndarray, "B"]:
     """Return ranges `[B]` seen from the origin, given beams measured along a path.
 
     Args:
@@ -129,35 +125,32 @@ def _seen_from_rest(
         path: `[B, 3]` pose of the lidar at each beam, relative to its pose at rest.
         first: angle of beam 0, radians.
         step: angle between beams, radians.
-        count: number of measured beams, the first ones.
     """
-    measured = ranges[:count].astype(np.float64)
-    returned = np.isfinite(measured)
-    angles = first + step * np.arange(count)
-    reach = np.where(returned, measured, 0.0)
-    x = path[:count, 0] + reach * np.cos(angles + path[:count, 2])
-    y = path[:count, 1] + reach * np.sin(angles + path[:count, 2])
+    wanted = np.arange(len(ranges))
+    returned = np.isfinite(ranges)
+    angles = first + step * wanted
+    reach = np.where(returned, ranges.astype(np.float64), 0.0)
+    x = path[:, 0] + reach * np.cos(angles + path[:, 2])
+    y = path[:, 1] + reach * np.sin(angles + path[:, 2])
     distance = np.hypot(x, y)
     # A beam without return keeps its own direction, like a point very far away.
-    turned = np.where(returned, np.arctan2(y, x) - angles, path[:count, 2])
-    place = np.arange(count) + (np.mod(turned + np.pi, 2 * np.pi) - np.pi) / step
+    turned = np.where(returned, np.arctan2(y, x) - angles, path[:, 2])
+    place = wanted + se2.wrap(turned) / step
 
     whole_turn = round(2 * np.pi / abs(step))
-    if count >= whole_turn - 1:
+    if len(ranges) >= whole_turn - 1:
         # A full turn: the first beams follow the last ones.
         place = np.concatenate([place - whole_turn, place, place + whole_turn])
         distance, returned = np.tile(distance, 3), np.tile(returned, 3)
     order = np.argsort(place, kind="stable")
     place, distance, returned = place[order], distance[order], returned[order]
 
-    wanted = np.arange(count)
     after = np.searchsorted(place, wanted)
     inside = (after > 0) & (after < len(place))
     after = np.clip(after, 1, len(place) - 1)
     before = after - 1
-    nearer = np.where(wanted - place[before] <= place[after] - wanted, before, after)
-    near = np.abs(place[nearer] - wanted) <= 1.0
-    near[~inside] = np.abs(place[nearer] - wanted)[~inside] <= 0.5
+    nearer = nearest_rows(place, wanted)
+    near = np.abs(place[nearer] - wanted) <= np.where(inside, 1.0, 0.5)
     found = np.where(near & returned[nearer], distance[nearer], np.nan)
 
     one, other = distance[before], distance[after]
@@ -168,7 +161,4 @@ def _seen_from_rest(
     to_one, to_other = (wanted - place[before]) * abs(step), (place[after] - wanted) * abs(step)
     across = one * np.sin(to_one) + other * np.sin(to_other)
     on_line = one * other * np.sin(apart) / np.where(across > 0, across, 1.0)
-    found = np.where(wall & (across > 0), on_line, found)
-    seen = np.full(len(ranges), np.nan, np.float32)
-    seen[:count] = found
-    return seen
+    return np.where(wall & (across > 0), on_line, found)

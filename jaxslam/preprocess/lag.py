@@ -71,7 +71,8 @@ def estimate_lag(scans: ScanTrack, odometry: OdometryTrack, max_lag: float) -> S
     if np.count_nonzero(seen) < _MIN_PAIRS:
         return None
     pairs, rates = pairs[seen], (turned / intervals)[seen]
-    lags = _lags(max_lag + _DROP_AT)
+    reach = int(np.ceil((max_lag + _DROP_AT) / _STEP))
+    lags = np.arange(-reach, reach + 1) * _STEP
     correlations = np.array([_correlation(rates, _rates(scans, odometry, pairs, lag)) for lag in lags])
     peak = int(np.argmax(np.where(np.abs(lags) <= max_lag + 1e-9, correlations, -np.inf)))
     aside = round(_DROP_AT / _STEP)
@@ -80,11 +81,6 @@ def estimate_lag(scans: ScanTrack, odometry: OdometryTrack, max_lag: float) -> S
         return None
     fraction = _vertex(correlations[peak - 1], correlations[peak], correlations[peak + 1])
     return ScanLag(float(lags[peak] + fraction * _STEP), float(correlations[peak]))
-
-
-def _lags(reach: float) -> Float64[np.ndarray, "L"]:
-    count = int(np.ceil(reach / _STEP))
-    return np.arange(-count, count + 1) * _STEP
 
 
 def _turning_pairs(scans: ScanTrack, odometry: OdometryTrack, max_lag: float) -> Int[np.ndarray, "P"]:

@@ -2,6 +2,8 @@
 
 import abc
 import dataclasses
+from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -30,9 +32,16 @@ class ProposalContext(eqx.Module):
     motion: AbstractMotionModel
     sensor: AbstractSensorModel
 
-    def with_field(self, field: Field) -> "ProposalContext":
-        """Return the context of another particle, which differs only in the map."""
-        return dataclasses.replace(self, field=field)
+    def for_each(self, function: Callable, *arguments: Any) -> Any:
+        """Return `function(*arguments, context)` for all particles, whose contexts differ only in the field.
+
+        The leaves of the arguments, of `field` and of the result are `[N, ...]`.
+        """
+
+        def call(field: Field, *arguments: Any) -> Any:
+            return function(*arguments, dataclasses.replace(self, field=field))
+
+        return jax.vmap(call)(self.field, *arguments)
 
     def log_likelihood(self, pose: Float[Array, "3"]) -> Float[Array, ""]:
         """Return log p(z | x, m) at a pose `[3]` (m, m, rad, world frame)."""
@@ -73,15 +82,7 @@ class AbstractProposal(eqx.Module):
     ) -> ProposalResult:
         """Draw for all particles; the leaves of the result are `[N, ...]`.
 
-        Override this method in a proposal whose particles depend on each other.
-
-        Args:
-            keys: `[N]` PRNG keys.
-            poses: `[N, 3]` poses before the step.
-            context: as for `sample`, with the fields of all particles, leaves `[N, ...]`.
+        The context has the fields of all particles, leaves `[N, ...]`. Override this method in a proposal
+        whose particles depend on each other.
         """
-
-        def sample(key: PRNGKeyArray, pose: Float[Array, "3"], field: Field) -> ProposalResult:
-            return self.sample(key, pose, context.with_field(field))
-
-        return jax.vmap(sample)(keys, poses, context.field)
+        return context.for_each(self.sample, keys, poses)

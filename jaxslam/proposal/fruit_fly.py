@@ -1,11 +1,14 @@
 """The proposal of Liang et al.: a draw from the motion model, ICP, and a swarm of fruit flies."""
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Key, PRNGKeyArray
 
 from jaxslam.core import se2
+from jaxslam.core.types import Scalar
 from jaxslam.core.validation import require_at_least_zero, require_one_of
 from jaxslam.grid.field import DistanceField, Field
 from jaxslam.lidar.beams import ScanPoints, scan_points
@@ -22,15 +25,7 @@ from jaxslam.xla.control_flow import run_if
 
 
 class _Aligned(eqx.Module):
-    """One particle before the swarm runs.
-
-    Attributes:
-        drawn: the draw from the motion model.
-        best: the best of the draw and the results of ICP and the search.
-        prior: p(x | x_prev, u) around the draw.
-        enough: whether the scan has enough valid beams.
-        lost: whether the particle had lost the map and was searched for.
-    """
+    """One particle before the swarm runs; a `lost` one had lost the map and was searched for."""
 
     drawn: Candidate
     best: Candidate
@@ -84,17 +79,17 @@ class FruitFlyProposal(AbstractProposal):
     flies: FruitFlies = FruitFlies()
     search: CorrelativeSearch = CorrelativeSearch()
     prior: PriorTrust = PriorTrust()
-    prior_weight: float | Float[Array, ""] = 0.3
-    step_translation: float | Float[Array, ""] = 0.03
-    step_rotation: float | Float[Array, ""] = 0.02
-    reach_translation: float | Float[Array, ""] = 0.5
-    reach_rotation: float | Float[Array, ""] = 0.3
-    sigma_hit: float | Float[Array, ""] = 0.1
-    scan_score: float | Float[Array, ""] = 18.0
-    lost_below: float | Float[Array, ""] = 0.5
-    min_valid_beams: float | Float[Array, ""] = 5.0
+    prior_weight: Scalar = 0.3
+    step_translation: Scalar = 0.03
+    step_rotation: Scalar = 0.02
+    reach_translation: Scalar = 0.5
+    reach_rotation: Scalar = 0.3
+    sigma_hit: Scalar = 0.1
+    scan_score: Scalar = 18.0
+    lost_below: Scalar = 0.5
+    min_valid_beams: Scalar = 5.0
     around: PosesAround = PosesAround()
-    sharpness: float | Float[Array, ""] = 10.0
+    sharpness: Scalar = 10.0
     weight: str = eqx.field(static=True, default="likelihood")
     swarm: str = eqx.field(static=True, default="own")
     use_icp: bool = eqx.field(static=True, default=True)
@@ -118,25 +113,14 @@ class FruitFlyProposal(AbstractProposal):
         return self._finish(jax.random.fold_in(key, 2), aligned, found, pose, context)
 
     def sample_all(
-        self,
-        keys: Key[Array, "N"],
-        poses: Float[Array, "N 3"],
-        context: ProposalContext,
+        self, keys: Key[Array, "N"], poses: Float[Array, "N 3"], context: ProposalContext
     ) -> ProposalResult:
         """Draw for all particles, each with its own swarm, or all of them as one swarm."""
         if self.swarm == "own" or not self.use_flies:
             return AbstractProposal.sample_all(self, keys, poses, context)
-
-        def align(key: PRNGKeyArray, pose: Float[Array, "3"], field: Field) -> _Aligned:
-            return self._align(key, pose, context.with_field(field))
-
-        aligned = jax.vmap(align)(keys, poses, context.field)
+        aligned = context.for_each(self._align, keys, poses)
         beams = scan_points(context.scan, self.fly_beams)
-
-        def fitness(positions: Float[Array, "N 3"]) -> Float[Array, "N"]:
-            each = jax.vmap(self._fitness, (0, None, 0, 0))
-            return each(context.field.fine, beams, aligned.prior, positions)
-
+        fitness = partial(jax.vmap(self._fitness, (0, None, 0, 0)), context.field.fine, beams, aligned.prior)
         # Crossover averages headings, so all of them must lie within ±π of each other.
         starts = aligned.best.pose
         first = starts[0, 2]
@@ -144,17 +128,7 @@ class FruitFlyProposal(AbstractProposal):
         key_flies = jax.random.fold_in(keys[0], 1)
         found = self.flies.maximize_each(fitness, key_flies, starts, *self._steps_and_bounds(starts)).position
         keys = jax.vmap(jax.random.fold_in, (0, None))(keys, 2)
-
-        def finish(
-            key: PRNGKeyArray,
-            aligned: _Aligned,
-            found: Float[Array, "3"],
-            pose: Float[Array, "3"],
-            field: Field,
-        ) -> ProposalResult:
-            return self._finish(key, aligned, found, pose, context.with_field(field))
-
-        return jax.vmap(finish)(keys, aligned, found, poses, context.field)
+        return context.for_each(self._finish, keys, aligned, found, poses)
 
     def fly(
         self,
@@ -164,19 +138,8 @@ class FruitFlyProposal(AbstractProposal):
         prior: PosePrior,
         start: Float[Array, "3"],
     ) -> Float[Array, "3"]:
-        """Return the best pose `[3]` of a swarm around `start`, by its fitness; no worse than the start.
-
-        Args:
-            key: PRNG key.
-            field: the particle's map.
-            beams: the end points that a fly scores.
-            prior: p(x | x_prev, u).
-            start: `[3]` initial pose of the flies.
-        """
-
-        def fitness(pose: Float[Array, "3"]) -> Float[Array, ""]:
-            return self._fitness(field, beams, prior, pose)
-
+        """Return the best pose `[3]` of a swarm around `start`, by its fitness; no worse than the start."""
+        fitness = partial(self._fitness, field, beams, prior)
         return self.flies.maximize(fitness, key, start, *self._steps_and_bounds(start)).position
 
     def _align(self, key: PRNGKeyArray, pose: Float[Array, "3"], context: ProposalContext) -> _Aligned:
@@ -220,9 +183,8 @@ class FruitFlyProposal(AbstractProposal):
         key_fit, key_draw = jax.random.split(key)
         around = self.around.fit(key_fit, lambda x: self.sharpness * posterior.log_prob(x), best.pose, ends)
         sampled = posterior.evaluate(around.sample(key_draw))
-        log_ratio = context.motion.log_prob(sampled.pose, pose, context.odometry) - around.log_prob(
-            sampled.pose
-        )
+        log_prior = context.motion.log_prob(sampled.pose, pose, context.odometry)
+        log_ratio = log_prior - around.log_prob(sampled.pose)
         return finalize(aligned.drawn, sampled, aligned.enough, aligned.lost, log_ratio / self.sharpness)
 
     def _icp(self, field: Field, ends: ScanPoints, start: Float[Array, "3"]) -> Float[Array, "3"]:

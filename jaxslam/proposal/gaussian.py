@@ -6,6 +6,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxslam.core import se2
 from jaxslam.core.flags import Flag
+from jaxslam.core.types import Scalar
 from jaxslam.core.validation import require_at_least_zero
 from jaxslam.lidar.beams import scan_points
 from jaxslam.proposal.base import AbstractProposal, ProposalContext, ProposalResult
@@ -40,9 +41,9 @@ class GaussianProposal(AbstractProposal):
     matcher: MatchedProposal = MatchedProposal()
     around: PosesAround = PosesAround(spread=0.005)
     prior: PriorTrust = PriorTrust(translation=1.0, rotation=1.0)
-    sharpness: float | Float[Array, ""] = 100.0
-    odometry_weight: float | Float[Array, ""] = 1.0
-    failed_below: float | Float[Array, ""] = 0.3
+    sharpness: Scalar = 100.0
+    odometry_weight: Scalar = 1.0
+    failed_below: Scalar = 0.3
 
     def __check_init__(self):
         require_at_least_zero(self, positive=("sharpness",))

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from jaxslam.core.types import Scalar
 from jaxslam.core.validation import require_at_least_zero
 from jaxslam.lidar.beams import scan_points
 from jaxslam.matching.correlative import CorrelativeSearch
@@ -46,9 +47,9 @@ class MatchedProposal(AbstractProposal):
     fine: GaussNewton = GaussNewton()
     search: CorrelativeSearch = CorrelativeSearch()
     prior: PriorTrust = PriorTrust()
-    prior_weight: float | Float[Array, ""] = 0.5
-    lost_below: float | Float[Array, ""] = 0.5
-    min_valid_beams: float | Float[Array, ""] = 5.0
+    prior_weight: Scalar = 0.5
+    lost_below: Scalar = 0.5
+    min_valid_beams: Scalar = 5.0
     max_beams: int = eqx.field(static=True, default=400)
 
     def __check_init__(self):

@@ -8,11 +8,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxslam.core import se2
-from jaxslam.core.linalg import cholesky, inverse_symmetric
+from jaxslam.core.linalg import LOG_TWO_PI, cholesky, inverse_symmetric
+from jaxslam.core.types import Scalar
 from jaxslam.core.validation import require_at_least_zero
 from jaxslam.lidar.beams import ScanPoints, wall_jacobian
-
-_LOG_TWO_PI = 1.8378770664093453
 
 
 class PoseGaussian(eqx.Module):
@@ -35,14 +34,15 @@ class PoseGaussian(eqx.Module):
 
     def log_prob(self, pose: Float[Array, "3"]) -> Float[Array, ""]:
         """Return the natural log of the density per m²·rad; the heading error is wrapped."""
-        offset = _offsets(self.mean, pose[None])[0]
+        offset = pose - self.mean
+        offset = offset.at[2].set(se2.wrap(offset[2]))
         (a, _, _), (b, c, _), (d, e, f) = self.factor
         # Forward substitution in closed form: a batched solve compiles to a library call.
         first = offset[0] / a
         second = (offset[1] - b * first) / c
         third = (offset[2] - d * first - e * second) / f
         squared = first * first + second * second + third * third
-        return -0.5 * squared - jnp.log(a * c * f) - 1.5 * _LOG_TWO_PI
+        return -0.5 * squared - jnp.log(a * c * f) - 1.5 * LOG_TWO_PI
 
 
 class PosesAround(eqx.Module):
@@ -63,11 +63,11 @@ class PosesAround(eqx.Module):
         Yang et al. 2019; Grisetti et al. 2007, section III-B.
     """
 
-    spread: float | Float[Array, ""] = 0.03
-    reach_translation: float | Float[Array, ""] = 0.2
-    reach_rotation: float | Float[Array, ""] = 0.05
-    least_translation: float | Float[Array, ""] = 0.002
-    least_rotation: float | Float[Array, ""] = 0.0005
+    spread: Scalar = 0.03
+    reach_translation: Scalar = 0.2
+    reach_rotation: Scalar = 0.05
+    least_translation: Scalar = 0.002
+    least_rotation: Scalar = 0.0005
     num_poses: int = eqx.field(static=True, default=50)
 
     def __check_init__(self):
@@ -122,8 +122,3 @@ class PosesAround(eqx.Module):
         reach = jnp.asarray([self.reach_translation, self.reach_translation, self.reach_rotation])
         information = rows @ rows.T / (count * self.spread**2) + jnp.diag(1.0 / (reach * reach))
         return cholesky(inverse_symmetric(information), jnp.full(3, 1e-12, jnp.float32))
-
-
-def _offsets(mean: Float[Array, "3"], poses: Float[Array, "K 3"]) -> Float[Array, "K 3"]:
-    offsets = poses - mean[None]
-    return offsets.at[:, 2].set(se2.wrap(offsets[:, 2]))

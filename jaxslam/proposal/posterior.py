@@ -7,6 +7,7 @@ from jaxtyping import Array, Bool, Float
 
 from jaxslam.core import se2
 from jaxslam.core.flags import Flag
+from jaxslam.core.types import Scalar
 from jaxslam.lidar.beams import ScanPoints
 from jaxslam.matching.gauss_newton import PosePrior
 from jaxslam.matching.heading import HeadingSearch
@@ -39,7 +40,7 @@ class PosePosterior(eqx.Module):
 
     context: ProposalContext
     prior: PosePrior
-    prior_weight: float | Float[Array, ""]
+    prior_weight: Scalar
 
     def log_prob(self, pose: Float[Array, "3"]) -> Float[Array, ""]:
         """Return log Γ at a pose `[3]`."""
@@ -67,25 +68,24 @@ def finalize(
     chosen: Candidate,
     enough: Bool[Array, ""],
     searched: Bool[Array, ""],
-    log_ratio: Float[Array, ""] | None = None,
+    log_ratio: Scalar = 0.0,
 ) -> ProposalResult:
     """Return the chosen pose, or the draw of the motion model if the scan has too few beams.
 
     Args:
         drawn: from the motion model.
-        chosen: the candidate chosen by the proposal.
+        chosen: by the proposal.
         enough: whether the scan has enough valid beams.
         searched: whether the particle had lost the map and was searched for.
-        log_ratio: log p(x | x_prev, u) − log q(x) at `chosen`. None for a proposal without a density: its
+        log_ratio: log p(x | x_prev, u) − log q(x) at `chosen`; 0 for a proposal without a density, whose
             weight is the likelihood alone, as gmapping computes it.
     """
     few = jnp.where(enough, 0, Flag.FEW_VALID_BEAMS.value)
     lost = jnp.where(searched, Flag.SEARCHED.value, 0)
-    log_ratio = jnp.zeros((), jnp.float32) if log_ratio is None else log_ratio
     return ProposalResult(
         pose=jnp.where(enough, chosen.pose, drawn.pose),
         log_likelihood=jnp.where(enough, chosen.log_likelihood, drawn.log_likelihood),
-        log_ratio=jnp.where(enough, log_ratio, 0.0),
+        log_ratio=jnp.where(enough, log_ratio, jnp.zeros((), jnp.float32)),
         flags=(few | lost).astype(jnp.int32),
     )
 
@@ -97,14 +97,9 @@ def align_heading(
     pose: Float[Array, "3"],
     drawn: Float[Array, "3"],
 ) -> Float[Array, "3"]:
-    """Turn a draw `[3]` to the heading where the scan fits best, near the heading of the odometry.
+    """Turn a draw `[3]` of the motion model to the heading where the scan fits best, near the odometry's.
 
-    Args:
-        search: headings to try.
-        context: map, odometry and motion model.
-        ends: the scan, base frame.
-        pose: `[3]` before the step.
-        drawn: `[3]` from the motion model.
+    The odometry starts at `pose` `[3]`; the end points are in the base frame.
     """
     predicted = se2.compose(pose, context.odometry.delta)
     sigma = jnp.sqrt(context.motion.covariance(context.odometry)[2, 2])

@@ -4,8 +4,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxslam.core.linalg import inverse_symmetric
-from jaxslam.core.types import OdometryIncrement
+from jaxslam.core.linalg import inverse_symmetric, rotation_matrix
+from jaxslam.core.types import OdometryIncrement, Scalar
 from jaxslam.core.validation import require_at_least_zero
 from jaxslam.matching.gauss_newton import PosePrior
 from jaxslam.motion.base import AbstractMotionModel
@@ -23,10 +23,10 @@ class PriorTrust(eqx.Module):
         least_rotation: lower limit of the prior's standard deviation in heading, radians.
     """
 
-    translation: float | Float[Array, ""] = 0.1
-    rotation: float | Float[Array, ""] = 0.1
-    least_translation: float | Float[Array, ""] = 0.02
-    least_rotation: float | Float[Array, ""] = 0.01
+    translation: Scalar = 0.1
+    rotation: Scalar = 0.1
+    least_translation: Scalar = 0.02
+    least_rotation: Scalar = 0.01
 
     def __check_init__(self):
         require_at_least_zero(self)
@@ -41,7 +41,5 @@ class PriorTrust(eqx.Module):
         wider = jnp.maximum(least / jnp.sqrt(jnp.diagonal(covariance)), 1.0)
         precision = inverse_symmetric(covariance * wider[:, None] * wider[None, :])
         # Rotate into the world's axes.
-        cos, sin = jnp.cos(drawn[2]), jnp.sin(drawn[2])
-        one, zero = jnp.ones_like(cos), jnp.zeros_like(cos)
-        turn = jnp.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one]).reshape(3, 3)
+        turn = rotation_matrix(drawn[2])
         return PosePrior(drawn, turn @ precision @ turn.T * scale[:, None] * scale[None, :])

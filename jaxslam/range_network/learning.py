@@ -55,7 +55,7 @@ class Split:
             ValueError: there are no readings at a named distance, or fewer than two distances remain.
         """
         distances = readings.distances
-        judged = _named(distances, held_out) if held_out is not None else _every_fifth(distances)
+        judged = _held_out(distances, held_out)
         rest = np.flatnonzero(~judged)
         if len(rest) < 2:
             left = f"one distance ({distances[rest[0]]:g} m) is" if len(rest) else "no distance is"
@@ -69,9 +69,12 @@ class Split:
         return cls(~judged[at] & ~validates[at], validates[at], judged[at])
 
 
-def _named(distances: Float64[np.ndarray, "D"], named: Sequence[float]) -> Bool[np.ndarray, "D"]:
+def _held_out(distances: Float64[np.ndarray, "D"], named: Sequence[float] | None) -> Bool[np.ndarray, "D"]:
+    """Return which distances are held out: those named, or every fifth if there are enough."""
     chosen = np.zeros(len(distances), bool)
-    for value in named:
+    if named is None and len(distances) >= _ENOUGH_TO_HOLD_OUT:
+        chosen[1:-1][_EVERY // 2 - 1 :: _EVERY] = True
+    for value in named or ():
         nearest = int(np.argmin(np.abs(distances - value)))
         if not abs(distances[nearest] - value) <= _SAME:
             raise ValueError(
@@ -79,13 +82,6 @@ def _named(distances: Float64[np.ndarray, "D"], named: Sequence[float]) -> Bool[
                 f"{distances[nearest]:g} m"
             )
         chosen[nearest] = True
-    return chosen
-
-
-def _every_fifth(distances: Float64[np.ndarray, "D"]) -> Bool[np.ndarray, "D"]:
-    chosen = np.zeros(len(distances), bool)
-    if len(distances) >= _ENOUGH_TO_HOLD_OUT:
-        chosen[1:-1][_EVERY // 2 - 1 :: _EVERY] = True
     return chosen
 
 
@@ -157,15 +153,10 @@ def learn(
         ValueError: there is no size or restart, the readings are all equal, or every training diverged.
     """
     check_sizes(neurons, restarts)
-    learnt_from = readings.where(split.training)
-    if split.validation.any():
-        validates = readings.where(split.validation)
-        training, validation = (
-            Rows.from_readings(part.measured, part.true) for part in (learnt_from, validates)
-        )
-    else:
-        means = learnt_from.means()
-        training = validation = Rows.from_readings(means.measured, means.true)
+    learnt_from, validates = readings.where(split.training), readings.where(split.validation)
+    if not split.validation.any():
+        learnt_from = validates = learnt_from.means()
+    training, validation = (Rows.from_readings(part.measured, part.true) for part in (learnt_from, validates))
     # The trained interval ends with the training readings: beyond them the correction stays constant.
     shortest, longest = float(jnp.min(training.measured)), float(jnp.max(training.measured))
     if not longest > shortest:
@@ -175,15 +166,9 @@ def learn(
     fit = {"levenberg-marquardt": fit_levenberg_marquardt, "adam": fit_adam}[method]
     fits: list[Fit] = []
     for size, key_size in zip(neurons, jax.random.split(key, len(neurons)), strict=True):
-        fits.append(
-            min(
-                (
-                    fit(RangeNetwork.draw(key_start, size, shortest, longest), training, validation)
-                    for key_start in jax.random.split(key_size, restarts)
-                ),
-                key=_validation_error,
-            )
-        )
+        keys_start = jax.random.split(key_size, restarts)
+        drawn = (RangeNetwork.draw(key_start, size, shortest, longest) for key_start in keys_start)
+        fits.append(min((fit(network, training, validation) for network in drawn), key=_validation_error))
         if on_attempt is not None:
             on_attempt(_attempt(fits[-1]))
     best = min(fits, key=_validation_error)

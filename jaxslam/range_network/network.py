@@ -54,12 +54,7 @@ class RangeNetwork(eqx.Module):
         Neurons switch at points spread evenly over the interval, with steepnesses that make neighbors overlap
         (Nguyen and Widrow 1990): if all switch at one point, training ends early. In large networks they are
         less steep than in the source, because the network would otherwise start as a staircase.
-
-        Args:
-            key: PRNG key of the positions and steepnesses.
-            num_neurons: H ≥ 1.
-            shortest: shortest range of the readings, meters.
-            longest: longest range of the readings, meters, > `shortest`.
+        It has `num_neurons` ≥ 1 and is for readings from `shortest` to `longest`, meters.
         """
         if num_neurons < 1:
             raise ValueError(f"num_neurons is {num_neurons}: give 1 or more")
@@ -135,10 +130,9 @@ def load_network(path: Path) -> RangeNetwork:
     first, _, rest = content.partition(b"\n")
     try:
         header = json.loads(first)
-        known = isinstance(header, dict) and header.get("format") == _FORMAT
     except ValueError:
-        known = False
-    if not known:
+        header = None
+    if not isinstance(header, dict) or header.get("format") != _FORMAT:
         raise ValueError(f"{path}: not a range network; `jaxslam train-range` writes one")
     if header.get("version") != _VERSION:
         raise ValueError(
@@ -148,11 +142,10 @@ def load_network(path: Path) -> RangeNetwork:
     count = header.get("neurons")
     if not (isinstance(count, int) and 1 <= count <= _MAX_NEURONS):
         raise ValueError(f"{path}: number of neurons in the header is {count!r}: the file is damaged")
-    blank = jax.eval_shape(lambda: RangeNetwork.draw(jax.random.key(0), count, 0.0, 1.0))
-    blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), blank)
+    shapes = jax.eval_shape(lambda: RangeNetwork.draw(jax.random.key(0), count, 0.0, 1.0))
     stream = io.BytesIO(rest)
     try:
-        network = eqx.tree_deserialise_leaves(stream, blank)
+        network = eqx.tree_deserialise_leaves(stream, shapes)
     except (RuntimeError, ValueError, EOFError, OSError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ValueError(

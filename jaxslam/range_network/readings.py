@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int
+from jaxtyping import Bool, Float64
 
 from jaxslam.io import read_log
 
@@ -107,21 +107,20 @@ def read_wall_log(path: Path, distance: float, *, bearing: float = 0.0) -> Readi
             f"{path}: no beam at a bearing of {bearing:g} rad: the nearest is {nearest.max():.3g} rad off"
         )
     ranges = np.take_along_axis(scans.ranges, beam, axis=1)[:, 0].astype(np.float64)
-    return _with_returns(str(path), np.full(len(ranges), distance), ranges)
+    return _with_returns(path, np.full(len(ranges), distance), ranges)
 
 
 def read_readings_csv(path: Path) -> Readings:
     """Read a table; see `read_readings`."""
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as stream:
         try:
-            rows = [
-                (number, row) for number, row in enumerate(csv.reader(stream), 1) if any(map(str.strip, row))
-            ]
+            numbered = enumerate(csv.reader(stream), 1)
+            rows = [(line, row) for line, row in numbered if any(map(str.strip, row))]
         except csv.Error as error:
             raise ValueError(f"{path}: not a CSV table: {error}") from None
     if not rows:
         raise ValueError(f"{path}: empty; give the columns {' and '.join(_COLUMNS)}")
-    header = [name.strip().lower() for name in rows[0][1]]
+    header = [name.strip().lower() for name in rows.pop(0)[1]]
     missing = [name for name in _COLUMNS if name not in header]
     if missing:
         raise ValueError(
@@ -131,33 +130,28 @@ def read_readings_csv(path: Path) -> Readings:
     twice = [name for name in _COLUMNS if header.count(name) > 1]
     if twice:
         raise ValueError(f"{path}: two columns {twice[0]} in its first line: remove one")
-    places = [header.index(name) for name in _COLUMNS]
-    numbers = [_row(path, line, row, places) for line, row in rows[1:]]
-    if not numbers:
+    if not rows:
         raise ValueError(f"{path}: no readings below its first line")
-    true, measured = np.asarray(numbers, np.float64).T
-    lines = np.asarray([line for line, _ in rows[1:]])
-    _check_distances(path, true, measured, lines)
-    return _with_returns(str(path), true, measured)
+    places = [header.index(name) for name in _COLUMNS]
+    true, measured = np.asarray([_row(path, line, row, places) for line, row in rows]).T
+    _check_distances(path, true, measured, [line for line, _ in rows])
+    return _with_returns(path, true, measured)
 
 
-def _row(path: Path, line: int, row: list[str], places: list[int]) -> tuple[float, float]:
-    texts = [row[place].strip() if place < len(row) else "" for place in places]
-    # The measured column may be empty: the beam did not return.
-    true, measured = _number(texts[0]), _number(texts[1] or "nan")
-    for name, text, number in zip(_COLUMNS, texts, (true, measured), strict=True):
+def _row(path: Path, line: int, row: list[str], places: list[int]) -> list[float]:
+    """Return the true distance and the reading of a line; the reading is NaN if the beam did not return."""
+    numbers = []
+    for name, place, missing in zip(_COLUMNS, places, ("", "nan"), strict=True):
+        text = row[place].strip() if place < len(row) else ""
+        number = _number(text or missing)
         if number is None:
             raise ValueError(f"{path}: line {line}: {name} is {text!r}, which is not a number")
-    assert true is not None
-    assert measured is not None
-    return true, measured
+        numbers.append(number)
+    return numbers
 
 
 def _check_distances(
-    path: Path,
-    true: Float64[np.ndarray, "M"],
-    measured: Float64[np.ndarray, "M"],
-    lines: Int[np.ndarray, "M"],
+    path: Path, true: Float64[np.ndarray, "M"], measured: Float64[np.ndarray, "M"], lines: list[int]
 ) -> None:
     """Raise `ValueError` for invalid distances and for exchanged columns."""
     read = measured[np.isfinite(measured) & (measured > 0)]
@@ -181,12 +175,12 @@ def _check_distances(
         )
 
 
-def _with_returns(name: str, true: Float64[np.ndarray, "M"], measured: Float64[np.ndarray, "M"]) -> Readings:
+def _with_returns(path: Path, true: Float64[np.ndarray, "M"], measured: Float64[np.ndarray, "M"]) -> Readings:
     returned = np.isfinite(measured) & (measured > 0)
     if not returned.any():
-        raise ValueError(f"{name}: none of its {len(measured)} readings is a distance")
+        raise ValueError(f"{path}: none of its {len(measured)} readings is a distance")
     if float(np.median(measured[returned])) > _LONGEST:
-        raise ValueError(f"{name}: readings of {np.median(measured[returned]):g} m: are these millimeters?")
+        raise ValueError(f"{path}: readings of {np.median(measured[returned]):g} m: are these millimeters?")
     return Readings(true[returned], measured[returned], int(np.count_nonzero(~returned)))
 
 

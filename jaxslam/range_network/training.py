@@ -1,6 +1,5 @@
 """Training by Levenberg–Marquardt with early stopping on validation readings."""
 
-import dataclasses
 from functools import partial
 from typing import Any
 
@@ -13,9 +12,8 @@ import optax
 import optimistix
 from jaxtyping import Array, Float, Float64, Int
 
+from jaxslam.core.types import Scalar
 from jaxslam.range_network.network import RangeNetwork
-
-_Parameters = tuple[Float[Array, "H"], Float[Array, "H"], Float[Array, "H"], Float[Array, ""]]
 
 
 class Rows(eqx.Module):
@@ -39,12 +37,9 @@ class Rows(eqx.Module):
     def from_readings(
         cls, measured: Float64[np.ndarray, "M"], true: Float64[np.ndarray, "M"], resolution: float = 1e-3
     ) -> "Rows":
-        """Group single readings into rows.
+        """Group one or more readings and their true distances, both `[M]`, meters, into rows.
 
-        Args:
-            measured: `[M]` readings, meters, M ≥ 1.
-            true: `[M]` true distances, meters.
-            resolution: readings equal after rounding to this form one row, meters; a lidar's own is 1 mm.
+        Readings that are equal after rounding to `resolution`, meters, form one row; a lidar's own is 1 mm.
         """
         cells, row = np.unique(np.round(measured / resolution).astype(np.int64), return_inverse=True)
         count = np.bincount(row, minlength=len(cells)).astype(float)
@@ -107,16 +102,16 @@ def fit_levenberg_marquardt(
         rtol=1e-8, atol=1e-8, linear_solver=lineax.Normal(lineax.Cholesky())
     )
 
-    def residuals(parameters: _Parameters, rows: Rows) -> tuple[Float[Array, "R"], None]:
-        predicted = _with_parameters(network, parameters)(rows.measured)
-        return jnp.sqrt(rows.weight) * (predicted - rows.true), None
+    def residuals(parameters: RangeNetwork, rows: Rows) -> tuple[Float[Array, "R"], None]:
+        trained = eqx.combine(parameters, network)
+        return jnp.sqrt(rows.weight) * (trained(rows.measured) - rows.true), None
 
     start = _parameters(network)
     shape = jax.eval_shape(lambda: residuals(start, training)[0])
     begun = solver.init(residuals, start, training, {}, shape, None, frozenset())
     arrays, static = eqx.partition(begun, eqx.is_array)
 
-    def step(parameters: _Parameters, arrays: Any) -> tuple[_Parameters, Any]:
+    def step(parameters: RangeNetwork, arrays: Any) -> tuple[RangeNetwork, Any]:
         state = eqx.combine(arrays, static)
         parameters, state, _ = solver.step(residuals, parameters, training, {}, state, frozenset())
         return parameters, eqx.filter(state, eqx.is_array)
@@ -131,16 +126,16 @@ def fit_adam(
     validation: Rows,
     patience: int | Int[Array, ""] = 1000,
     *,
-    learning_rate: float | Float[Array, ""] = 3e-3,
+    learning_rate: Scalar = 3e-3,
     max_steps: int = 20_000,
 ) -> Fit:
     """Train by Adam on all readings at once, for comparison; otherwise like `fit_levenberg_marquardt`."""
     optimizer = optax.adam(learning_rate)
 
-    def loss(parameters: _Parameters) -> Float[Array, ""]:
-        return mean_squared_error(_with_parameters(network, parameters), training)
+    def loss(parameters: RangeNetwork) -> Float[Array, ""]:
+        return mean_squared_error(eqx.combine(parameters, network), training)
 
-    def step(parameters: _Parameters, state: Any) -> tuple[_Parameters, Any]:
+    def step(parameters: RangeNetwork, state: Any) -> tuple[RangeNetwork, Any]:
         updates, state = optimizer.update(jax.grad(loss)(parameters), state)
         return optax.apply_updates(parameters, updates), state
 
@@ -159,10 +154,6 @@ def _early_stopping(
 ) -> Fit:
     """Take steps until the validation error has not fallen for `patience` steps; keep the best."""
 
-    def errors(parameters: _Parameters) -> Float[Array, "2"]:
-        trained = _with_parameters(network, parameters)
-        return jnp.stack([mean_squared_error(trained, rows) for rows in (training, validation)])
-
     def going(carry: tuple) -> Array:
         _, _, _, best_step, done, _ = carry
         return (done < max_steps) & (done - best_step < patience)
@@ -170,7 +161,8 @@ def _early_stopping(
     def body(carry: tuple) -> tuple:
         parameters, state, best, best_step, done, history = carry
         parameters, state = step(parameters, state)
-        now = errors(parameters)
+        trained = eqx.combine(parameters, network)
+        now = jnp.stack([mean_squared_error(trained, rows) for rows in (training, validation)])
         history = history.at[done].set(now)
         lowest = jnp.where(best_step > 0, history[jnp.maximum(best_step - 1, 0), 1], jnp.inf)
         better = now[1] < lowest
@@ -180,15 +172,9 @@ def _early_stopping(
     start, zero = _parameters(network), jnp.zeros((), jnp.int32)
     carry = (start, state, start, zero, zero, jnp.full((max_steps, 2), jnp.nan, jnp.float32))
     _, _, best, best_step, _, history = jax.lax.while_loop(going, body, carry)
-    return Fit(_with_parameters(network, best), best_step, history)
+    return Fit(eqx.combine(best, network), best_step, history)
 
 
-def _parameters(network: RangeNetwork) -> _Parameters:
-    return network.weights_in, network.biases, network.weights_out, network.bias_out
-
-
-def _with_parameters(network: RangeNetwork, parameters: _Parameters) -> RangeNetwork:
-    weights_in, biases, weights_out, bias_out = parameters
-    return dataclasses.replace(
-        network, weights_in=weights_in, biases=biases, weights_out=weights_out, bias_out=bias_out
-    )
+def _parameters(network: RangeNetwork) -> RangeNetwork:
+    """Return the network without its interval, which is not trained; `eqx.combine` puts it back."""
+    return eqx.tree_at(lambda n: (n.shortest, n.longest), network, (None, None))

@@ -12,6 +12,7 @@ from jaxslam.config import toml
 from jaxslam.config.dotted import flatten
 from jaxslam.config.slam import SlamConfig
 from jaxslam.io import write_map, write_tum
+from jaxslam.pipeline.localize import LocalizationResult
 from jaxslam.pipeline.run import RunResult
 from jaxslam.report.provenance import peak_rss_mb, versions
 from jaxslam.viz.picture import MapLayer, save_map_picture
@@ -47,8 +48,9 @@ def make_folder(folder: Path) -> None:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        reason = f"cannot be written to ({error.strerror})"
-        raise ValueError(f"{folder}: {reason}: give another with --out") from None
+        raise ValueError(
+            f"{folder}: cannot be written to ({error.strerror}): give another with --out"
+        ) from None
 
 
 def save_run(result: RunResult, folder: Path) -> Path:
@@ -87,17 +89,29 @@ def write_run(
     """
     metrics = {**_figures(result), **(accuracy or {})}
     _write_map_files(folder, result, truth)
-    write_tum(folder / "trajectory.tum", result.all_stamps, result.all_poses)
+    _save_ess_picture(folder / "ess.png", result)
     config = result.scans.config
-    run: dict[str, object] = dict(origin)
     if isinstance(config, SlamConfig):
         lidar = None if config.lidar is None else config.lidar.name
-        run = {"method": config.method, "lidar": lidar, **run, "configuration": flatten(config)}
-        toml.save(folder / "config.toml", config)
-    _save_ess_picture(folder / "ess.png", result)
-    write_json(folder / "run.json", run)
-    write_json(folder / "metrics.json", metrics)
+        origin = {"method": config.method, "lidar": lidar, **origin}
+    write_records(folder, result, origin, metrics)
     return metrics
+
+
+def write_records(
+    folder: Path,
+    result: RunResult | LocalizationResult,
+    origin: Mapping[str, object],
+    metrics: Mapping[str, object],
+) -> None:
+    """Write trajectory, configuration, `run.json` and `metrics.json` of a run or a localization."""
+    write_tum(folder / "trajectory.tum", result.all_stamps, result.all_poses)
+    config = result.scans.config
+    if config is not None:
+        toml.save(folder / "config.toml", config)
+        origin = {**origin, "configuration": flatten(config)}
+    write_json(folder / "run.json", origin)
+    write_json(folder / "metrics.json", metrics)
 
 
 def write_json(path: Path, content: Mapping[str, object]) -> None:
@@ -137,13 +151,11 @@ def _figures(result: RunResult) -> dict[str, object]:
 
 
 def _save_ess_picture(path: Path, result: RunResult) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     from jaxslam.viz.curves import plot_ess
 
     figure = Figure(figsize=(8.0, 3.2), layout="constrained")
-    FigureCanvasAgg(figure)
     config = result.scans.config
     threshold = float(config.resampling.threshold) if isinstance(config, SlamConfig) else None
     plot_ess(result.ess, len(result.particles), result.resampled, figure.subplots(), threshold=threshold)

@@ -4,17 +4,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from jaxslam.config import toml
-from jaxslam.config.dotted import flatten
-from jaxslam.config.localization import LocalizationConfig
-from jaxslam.io import write_tum
 from jaxslam.metrics import TrajectoryError
 from jaxslam.metrics.summary import trajectory_figures
 from jaxslam.pipeline.localize import LocalizationResult
-from jaxslam.report.folder import make_folder, write_json
+from jaxslam.report.folder import make_folder, write_records
 from jaxslam.report.provenance import peak_rss_mb, versions
 from jaxslam.viz.clouds import plot_localization, save_localization_curves
 
@@ -54,20 +49,12 @@ def write_localization(
     metrics = _figures(result)
     if error is not None:
         metrics["ate"] = trajectory_figures(error)
-    write_tum(folder / "trajectory.tum", result.all_stamps, result.all_poses)
     figure = Figure(figsize=(9.0, 8.0), layout="constrained")
-    FigureCanvasAgg(figure)
     plot_localization(result, figure.subplots(), legend=False)
     figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize="small")
     figure.savefig(folder / "cloud.png", dpi=150)
     save_localization_curves(folder / "particles.png", result)
-    run: dict[str, object] = dict(origin)
-    config = result.scans.config
-    if isinstance(config, LocalizationConfig):
-        toml.save(folder / "config.toml", config)
-        run["configuration"] = flatten(config)
-    write_json(folder / "run.json", run)
-    write_json(folder / "metrics.json", metrics)
+    write_records(folder, result, origin, metrics)
     return metrics
 
 

@@ -7,13 +7,12 @@ import sys
 from pathlib import Path
 
 _PACKAGES = ("jaxslam", "jax", "jaxlib", "equinox", "numpy")
-_BLOCK = 1 << 20
 
 
 def versions() -> dict[str, str]:
     """Return the versions of this package, of its main dependencies, of Python and of the platform."""
-    found = {name: importlib.metadata.version(name) for name in _PACKAGES}
-    return {**found, "python": platform.python_version(), "platform": platform.platform()}
+    packages = {name: importlib.metadata.version(name) for name in _PACKAGES}
+    return {**packages, "python": platform.python_version(), "platform": platform.platform()}
 
 
 def file_sha256(path: Path) -> str:
@@ -28,8 +27,7 @@ def file_sha256(path: Path) -> str:
             digest.update(file.relative_to(path).as_posix().encode() + b"\0")
         if file.is_file():
             with file.open("rb") as stream:
-                while block := stream.read(_BLOCK):
-                    digest.update(block)
+                hashlib.file_digest(stream, lambda: digest)
     return digest.hexdigest()
 
 

@@ -1,5 +1,7 @@
 """The errors of a range network: a table, and the figures 8 to 13 of Jamaludin et al."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -7,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float64
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from jaxslam.range_network.learning import Split, TrainingResult
@@ -18,7 +19,7 @@ from jaxslam.viz import style
 
 PAPERS_MSE = 9.55e-5
 """Mean squared error of Jamaludin et al. at the training distances, m²."""
-_RAW, _CORRECTED = style.REFERENCE, style.ESTIMATE
+_COLORS = {"read": style.REFERENCE, "corrected": style.ESTIMATE}
 _ROLES = {"training": "training", "validation": "validation", "held_out": "held out"}
 _SHOWN = (1.0, 3.0)
 """Distances of the histograms, meters."""
@@ -71,17 +72,8 @@ def distance_errors(network: RangeNetwork, readings: Readings, split: Split) -> 
         at = readings.true == distance
         role = next(title for name, title in _ROLES.items() if np.any(getattr(split, name)[at]))
         raw, after = readings.measured[at] - distance, corrected[at] - distance
-        rows.append(
-            DistanceErrors(
-                float(distance),
-                role,
-                int(at.sum()),
-                float(raw.mean()),
-                float(raw.std()),
-                float(after.mean()),
-                float(after.std()),
-            )
-        )
+        errors = (raw.mean(), raw.std(), after.mean(), after.std())
+        rows.append(DistanceErrors(float(distance), role, int(at.sum()), *map(float, errors)))
     return rows
 
 
@@ -90,19 +82,13 @@ def role_errors(rows: list[DistanceErrors]) -> list[RoleErrors]:
     found = []
     for role in dict.fromkeys(row.role for row in rows):
         chosen = [row for row in rows if row.role == role]
-        count = np.array([row.count for row in chosen], float)
-
-        def root(squares: list[float], count=count) -> float:
-            return float(np.sqrt(np.average(squares, weights=count)))
-
-        found.append(
-            RoleErrors(
-                role,
-                root([row.raw_mean**2 + row.raw_std**2 for row in chosen]),
-                root([row.corrected_mean**2 + row.corrected_std**2 for row in chosen]),
-                root([row.raw_std**2 for row in chosen]),
-            )
+        squares = (
+            [row.raw_mean**2 + row.raw_std**2 for row in chosen],
+            [row.corrected_mean**2 + row.corrected_std**2 for row in chosen],
+            [row.raw_std**2 for row in chosen],
         )
+        count = np.array([row.count for row in chosen], float)
+        found.append(RoleErrors(role, *np.sqrt(np.average(squares, axis=1, weights=count)).tolist()))
     return found
 
 
@@ -157,73 +143,64 @@ def write_training(
 def _save_figures(
     folder: Path, training: TrainingResult, readings: Readings, rows: list[DistanceErrors]
 ) -> None:
-    """Draw readings, errors and standard deviations over distance, and histograms at two distances."""
+    """Draw readings, errors and standard deviations over distance, histograms, and the training."""
     distance = np.array([row.distance for row in rows])
     held_out = np.array([row.role == "held out" for row in rows])
-    pairs = (("raw", _RAW, "read"), ("corrected", _CORRECTED, "corrected"))
+    means = {
+        "read": np.array([row.raw_mean for row in rows]),
+        "corrected": np.array([row.corrected_mean for row in rows]),
+    }
+    deviations = {"read": [row.raw_std for row in rows], "corrected": [row.corrected_std for row in rows]}
 
-    def mean(name: str) -> Float64[np.ndarray, "D"]:
-        return np.array([getattr(row, f"{name}_mean") for row in rows])
+    with _picture(folder / "readings.png", "distance (m)", "mean reading (m)") as [ax]:
+        ax.plot(distance, distance, color=style.NEUTRAL, linewidth=0.8, label="true")
+        for label, color in _COLORS.items():
+            ax.plot(distance, distance + means[label], ".", color=color, label=label)
 
-    def deviation(name: str) -> Float64[np.ndarray, "D"]:
-        return np.array([getattr(row, f"{name}_std") for row in rows])
-
-    figure, (ax,) = _figure(1)
-    ax.plot(distance, distance, color=style.NEUTRAL, linewidth=0.8, label="true")
-    for name, color, label in pairs:
-        ax.plot(distance, distance + mean(name), ".", color=color, label=label)
-    style.curve_axes(ax, "distance (m)", "mean reading (m)")
-    _save(figure, folder / "readings.png")
-
-    figure, (ax,) = _figure(1)
-    ax.axhline(0.0, color=style.NEUTRAL, linewidth=0.8)
-    for name, color, label in pairs:
-        ax.plot(distance, 1e3 * mean(name), "-", color=color, linewidth=1.0)
-        ax.plot(distance[~held_out], 1e3 * mean(name)[~held_out], "o", color=color, markersize=4, label=label)
-        ax.plot(distance[held_out], 1e3 * mean(name)[held_out], "D", color=color, mfc="w", markersize=6)
-    if held_out.any():
-        ax.plot([], [], "D", color=style.NEUTRAL, mfc="w", label="held out")
-    style.curve_axes(ax, "distance (m)", "mean error (mm)")
-    _save(figure, folder / "errors.png")
+    with _picture(folder / "errors.png", "distance (m)", "mean error (mm)") as [ax]:
+        ax.axhline(0.0, color=style.NEUTRAL, linewidth=0.8)
+        for label, color in _COLORS.items():
+            mean = 1e3 * means[label]
+            ax.plot(distance, mean, "-", color=color, linewidth=1.0)
+            ax.plot(distance[~held_out], mean[~held_out], "o", color=color, markersize=4, label=label)
+            ax.plot(distance[held_out], mean[held_out], "D", color=color, mfc="w", markersize=6)
+        if held_out.any():
+            ax.plot([], [], "D", color=style.NEUTRAL, mfc="w", label="held out")
 
     corrected = corrected_readings(training.network, readings)
-    figure, axes = _figure(len(_SHOWN))
-    for ax, wanted in zip(axes, _SHOWN, strict=True):
-        nearest = distance[np.argmin(np.abs(distance - wanted))]
-        at = readings.true == nearest
-        both = np.concatenate([readings.measured[at], corrected[at]])
-        bins = np.linspace(both.min(), both.max() + 1e-6, 60).tolist()
-        for values, (_, color, label) in zip((readings.measured[at], corrected[at]), pairs, strict=True):
-            ax.hist(values, bins=bins, color=color, alpha=0.6, label=label)
-        ax.axvline(nearest, color=style.NEUTRAL, linewidth=1.0)
-        ax.set_title(f"{nearest:g} m", fontsize="medium")
-        style.curve_axes(ax, "reading (m)", "readings")
-    _save(figure, folder / "histograms.png")
+    with _picture(folder / "histograms.png", "reading (m)", "readings", len(_SHOWN)) as axes:
+        for ax, wanted in zip(axes, _SHOWN, strict=True):
+            nearest = distance[np.argmin(np.abs(distance - wanted))]
+            at = readings.true == nearest
+            both = np.concatenate([readings.measured[at], corrected[at]])
+            bins = np.linspace(both.min(), both.max() + 1e-6, 60).tolist()
+            for values, label in ((readings.measured, "read"), (corrected, "corrected")):
+                ax.hist(values[at], bins=bins, color=_COLORS[label], alpha=0.6, label=label)
+            ax.axvline(nearest, color=style.NEUTRAL, linewidth=1.0)
+            ax.set_title(f"{nearest:g} m", fontsize="medium")
 
-    figure, (ax,) = _figure(1)
-    for name, color, label in pairs:
-        ax.plot(distance, 1e3 * deviation(name), ".-", color=color, linewidth=1.0, label=label)
-    style.curve_axes(ax, "distance (m)", "standard deviation (mm)")
-    ax.set_ylim(bottom=0.0)
-    _save(figure, folder / "deviations.png")
+    with _picture(folder / "deviations.png", "distance (m)", "standard deviation (mm)") as [ax]:
+        for label, color in _COLORS.items():
+            ax.plot(
+                distance, 1e3 * np.array(deviations[label]), ".-", color=color, linewidth=1.0, label=label
+            )
+        ax.set_ylim(bottom=0.0)
 
-    figure, (ax,) = _figure(1)
-    history = np.sqrt(np.asarray(training.fit.history, np.float64))
-    history = history[np.isfinite(history[:, 0])]
-    for values, color, label in zip(history.T, (_RAW, _CORRECTED), ("training", "validation"), strict=True):
-        ax.semilogy(np.arange(1, len(values) + 1), 1e3 * values, color=color, label=label)
-    ax.axvline(int(training.fit.steps), color=style.NEUTRAL, linewidth=0.8, linestyle="--", label="kept")
-    style.curve_axes(ax, "step", "RMSE (mm)")
-    _save(figure, folder / "training.png")
+    with _picture(folder / "training.png", "step", "RMSE (mm)") as [ax]:
+        history = np.sqrt(np.asarray(training.fit.history, np.float64))
+        history = history[np.isfinite(history[:, 0])]
+        for values, color, label in zip(history.T, _COLORS.values(), ("training", "validation"), strict=True):
+            ax.semilogy(np.arange(1, len(values) + 1), 1e3 * values, color=color, label=label)
+        ax.axvline(int(training.fit.steps), color=style.NEUTRAL, linewidth=0.8, linestyle="--", label="kept")
 
 
-def _figure(columns: int) -> tuple[Figure, list[Axes]]:
+@contextmanager
+def _picture(path: Path, x_label: str, y_label: str, columns: int = 1) -> Iterator[list[Axes]]:
+    """Yield axes to draw on, then label and save them."""
     figure = Figure(figsize=(5.0 * columns + 1.0, 4.0), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure, list(np.atleast_1d(figure.subplots(1, columns)))
-
-
-def _save(figure: Figure, path: Path) -> None:
-    for ax in figure.axes:
+    axes = list(figure.subplots(1, columns, squeeze=False)[0])
+    yield axes
+    for ax in axes:
+        style.curve_axes(ax, x_label, y_label)
         style.add_legend(ax)
     figure.savefig(path, dpi=120)

@@ -1,30 +1,25 @@
 """Simulator: worlds, a robot that drives through them, and what its sensors report."""
 
 from jaxslam.sim.calibration import calibration_distances, calibration_run
-from jaxslam.sim.exact_ranges import cast_rays, cast_scan
-from jaxslam.sim.imu_sensor import Imu, Inertial
-from jaxslam.sim.lidar_sensor import LIDARS, Lidar, lds_01, lds_02, rplidar_a1, sick, urg_04lx, vlp16_ring
+from jaxslam.sim.exact_ranges import cast_rays
+from jaxslam.sim.imu_sensor import Imu
+from jaxslam.sim.lidar_sensor import Lidar, lds_01, lds_02, rplidar_a1, sick, urg_04lx, vlp16_ring
 from jaxslam.sim.range_bias import RangeBias, draw_lds_01_bias, lds_01_accuracy
-from jaxslam.sim.rasterize import observable, rasterize, reachable
+from jaxslam.sim.rasterize import observable
 from jaxslam.sim.recording import Truth, drive
-from jaxslam.sim.robot import Drive, Robot, follow_tour, start_pose
-from jaxslam.sim.simulate import Simulation, sample_times, simulate, to_log
-from jaxslam.sim.wheel_odometry import Odometry, OdometryErrors, WheelOdometry
+from jaxslam.sim.robot import Robot
+from jaxslam.sim.simulate import Simulation, simulate, to_log
+from jaxslam.sim.wheel_odometry import WheelOdometry
 from jaxslam.sim.worlds.corridor import Corridor, build_corridor, corridor_loop, random_corridor
 from jaxslam.sim.worlds.halls import WORLDS, hall_large, hall_small, make_world, random_hall
 from jaxslam.sim.worlds.roadway import Roadway, build_roadway, random_roadway, roadway
-from jaxslam.sim.worlds.world import World, box, disc, leg_clearances, place, polyline
+from jaxslam.sim.worlds.world import World, box, disc, place, polyline
 
 __all__ = [
-    "LIDARS",
     "WORLDS",
     "Corridor",
-    "Drive",
     "Imu",
-    "Inertial",
     "Lidar",
-    "Odometry",
-    "OdometryErrors",
     "RangeBias",
     "Roadway",
     "Robot",
@@ -38,18 +33,15 @@ __all__ = [
     "calibration_distances",
     "calibration_run",
     "cast_rays",
-    "cast_scan",
     "corridor_loop",
     "disc",
     "draw_lds_01_bias",
     "drive",
-    "follow_tour",
     "hall_large",
     "hall_small",
     "lds_01",
     "lds_01_accuracy",
     "lds_02",
-    "leg_clearances",
     "make_world",
     "observable",
     "place",
@@ -57,14 +49,10 @@ __all__ = [
     "random_corridor",
     "random_hall",
     "random_roadway",
-    "rasterize",
-    "reachable",
     "roadway",
     "rplidar_a1",
-    "sample_times",
     "sick",
     "simulate",
-    "start_pose",
     "to_log",
     "urg_04lx",
     "vlp16_ring",

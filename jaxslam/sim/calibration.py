@@ -27,7 +27,6 @@ def calibration_run(
         num_readings: number of readings R at each distance.
 
     Returns:
-        Readings `[D, R]` in meters, 0 where invalid, and a mask of valid readings. Some readings near the
-        limits of the range are invalid.
+        Readings and mask as from `Lidar.measure`. Some readings near the limits of the range are invalid.
     """
     return lidar.measure(key, jnp.broadcast_to(distances[:, None], (len(distances), num_readings)))

@@ -12,9 +12,8 @@ def cast_scan(
 ) -> Float[Array, "B"]:
     """Return the distance to the nearest segment along each ray from one pose.
 
-    The end points of every segment are transformed to the frame of the ray; a segment is hit if they
-    lie on opposite sides of the ray. Two segments that share a corner compute the same number for it,
-    so no ray passes between them.
+    A segment is hit if its end points lie on opposite sides of the ray. Two segments that share a corner
+    compute the same number for it, so no ray passes between them.
 
     Args:
         world: the segments, `[S, 4]` meters.
@@ -50,16 +49,7 @@ def cast_scan(
 def cast_rays(
     world: World, poses_world_lidar: Float[Array, "T 3"], angles: Float[Array, "B"]
 ) -> Float[Array, "T B"]:
-    """Apply `cast_scan` to many poses in sequence, which limits memory to `B × S`.
-
-    Args:
-        world: the segments, `[S, 4]` meters.
-        poses_world_lidar: `[T, 3]` m, m, rad.
-        angles: `[B]` directions in the lidar frame, radians.
-
-    Returns:
-        `[T, B]` meters; infinity if a ray hits no segment.
-    """
+    """Apply `cast_scan` to poses `[T, 3]` in sequence, which limits memory to `B × S`."""
     return jax.lax.map(lambda pose: cast_scan(world, pose, angles), poses_world_lidar)
 
 

@@ -29,9 +29,8 @@ class Inertial(eqx.Module):
 class Imu(eqx.Module):
     """Yaw rate and heading, each with white noise, a bias and a random walk of that bias.
 
-    The heading models a unit that fuses its own sensors: it starts at 0, differs from the integral of
-    the reported rate, and its error is a slow random walk. The defaults are typical of a calibrated
-    consumer (MEMS) unit.
+    The heading is that of a unit which fuses its own sensors: it starts at 0, and its error is a slow random
+    walk. The defaults are typical of a calibrated consumer (MEMS) unit.
 
     Attributes:
         rate_noise_density: white noise of the yaw rate, (rad/s)/√Hz; one sample has the standard
@@ -60,8 +59,8 @@ class Imu(eqx.Module):
         """Simulate samples of a drive at `times` `[M]` (seconds, host values, `rate` per second)."""
         poses, velocities = drive.at(times)
         noise = standard_normal(key, (len(times), 4))
-        initial = jnp.stack([_float(self.sigma_rate_bias), _float(self.sigma_heading_bias)])
-        walk = jnp.stack([_float(self.rate_bias_walk), _float(self.heading_bias_walk)])
+        initial = jnp.array([self.sigma_rate_bias, self.sigma_heading_bias], jnp.float32)
+        walk = jnp.array([self.rate_bias_walk, self.heading_bias_walk], jnp.float32)
         steps = noise[1:, :2] * (walk * self.rate**-0.5)[None]
         biases = running_sum(jnp.concatenate([noise[:1, :2] * initial[None], steps]))
         rate_noise = self.rate_noise_density * self.rate**0.5 * noise[:, 2]
@@ -73,7 +72,3 @@ class Imu(eqx.Module):
             rate_biases=biases[:, 0],
             heading_biases=biases[:, 1],
         )
-
-
-def _float(value: Scalar) -> Float[Array, ""]:
-    return jnp.asarray(value, jnp.float32)

@@ -1,7 +1,6 @@
 """A planar lidar, and presets of common models."""
 
 import math
-from collections.abc import Callable
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -66,16 +65,9 @@ class Lidar(eqx.Module):
         return self.angle_min + self.angle_increment * jnp.arange(self.num_beams, dtype=jnp.float32)
 
     def simulate(self, key: PRNGKeyArray, world: World, poses: Float[Array, "T 3"]) -> LidarScan:
-        """Simulate scans `[T, B]` of a world from true base poses.
-
-        Args:
-            key: PRNG key of noise, drop-outs and short readings.
-            world: the world to scan.
-            poses: `[T, 3]` base poses in the world frame: m, m, rad.
-        """
+        """Simulate scans `[T, B]` of a world from true base poses `[T, 3]` (m, m, rad, world frame)."""
         count = poses.shape[0]
-        mounting = jnp.stack([jnp.asarray(value, jnp.float32) for value in self.pose_base_lidar])
-        mounting = jnp.broadcast_to(mounting, (count, 3))
+        mounting = jnp.broadcast_to(jnp.array(self.pose_base_lidar, jnp.float32), (count, 3))
         distances = cast_rays(world, se2.compose(poses, mounting), self.angles())
         ranges, valid = self.measure(key, distances)
         return LidarScan(
@@ -91,8 +83,7 @@ class Lidar(eqx.Module):
     ) -> tuple[Float[Array, "T B"], Bool[Array, "T B"]]:
         """Turn true distances `[T, B]` (meters, infinite if nothing is hit) into readings.
 
-        Returns:
-            Ranges `[T, B]` in meters, 0 where invalid, and a mask of valid readings.
+        Readings are ranges `[T, B]` in meters, 0 where invalid, and a mask of valid ranges.
         """
         normal = standard_normal(key, (4, *distances.shape))
         noise = normal[0]
@@ -121,8 +112,7 @@ class Lidar(eqx.Module):
 def sick(*, num_beams: int = 181) -> Lidar:
     """Return a SICK LMS-200: 180°, 0–80 m, precision 5 mm (1 σ), 10 scans per second.
 
-    Args:
-        num_beams: 180 (step 180°/180, as CARMEN logs have it), 181 or 361 (both end points).
+    `num_beams` is 180 (step 180°/180, as in CARMEN logs), or 181 or 361 (with both end points).
     """
     intervals = num_beams if num_beams % 2 == 0 else num_beams - 1
     return Lidar(
@@ -166,9 +156,8 @@ def rplidar_a1() -> Lidar:
 def lds_01(bias: RangeBias | None = None) -> Lidar:
     """Return an LDS-01 on a TurtleBot3: 360 beams, 0.12–3.5 m, ±10 mm to 0.5 m, then up to ±3.5 %, 5 Hz.
 
-    Args:
-        bias: bias of one device, as drawn by `draw_lds_01_bias`: its accuracy (±15 mm, ±5 %), whereas the
-            numbers above are its precision. None for no bias.
+    These numbers are the precision. The accuracy of one device (±15 mm, ±5 %) is given by `bias`, see
+    `draw_lds_01_bias`; None for no bias.
     """
     return Lidar(
         num_beams=360,
@@ -203,8 +192,7 @@ def lds_02() -> Lidar:
 def vlp16_ring(*, num_beams: int = 900) -> Lidar:
     """Return one horizontal ring of a Velodyne VLP-16: 360°, 0.5–100 m, ±30 mm, 10 Hz.
 
-    Args:
-        num_beams: the device gives 1800 at this rate; the default keeps every second one.
+    The device has 1800 beams at this rate; the default `num_beams` keeps every second one.
     """
     return Lidar(
         num_beams=num_beams,
@@ -214,13 +202,3 @@ def vlp16_ring(*, num_beams: int = 900) -> Lidar:
         range_max=100.0,
         sigma_constant=0.03 / 3,
     )
-
-
-LIDARS: dict[str, Callable[[], Lidar]] = {
-    "sick": sick,
-    "urg_04lx": urg_04lx,
-    "rplidar_a1": rplidar_a1,
-    "lds_01": lds_01,
-    "lds_02": lds_02,
-    "vlp16_ring": vlp16_ring,
-}

@@ -11,11 +11,8 @@ Scalar = float | Float[Array, ""]
 
 
 def standard_normal(key: PRNGKeyArray, shape: tuple[int, ...]) -> Float[Array, "..."]:
-    """Draw standard normal numbers.
-
-    The numbers are drawn as a flat array: three axes take three times as long to compile on a CPU. A
-    sensor makes one draw for all its noise, because compiling a draw costs more than running it.
-    """
+    """Draw standard normal numbers, once per sensor: compiling a draw costs more than running it."""
+    # A flat draw, because three axes take three times as long to compile on a CPU.
     flat = jax.random.normal(key, (math.prod(shape),))
     # Without the barrier, XLA copies the generator into every use.
     return jax.lax.optimization_barrier(flat).reshape(shape)
@@ -27,8 +24,7 @@ _Sum = tuple[Float[Array, "K"], Float[Array, "K"]]
 def compensated_add(total: Float[Array, "K"], rounding: Float[Array, "K"], value: Float[Array, "K"]) -> _Sum:
     """Make one step of Kahan's sum; return the new total and its rounding error.
 
-    Ten thousand float32 steps of constant size all round in the same direction, which adds up to
-    centimeters. With compensation, the total is exact to its last bit.
+    Ten thousand float32 steps of equal size round in the same direction, which adds up to centimeters.
     """
     corrected = value - rounding
     new_total = total + corrected

@@ -7,6 +7,8 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxslam.sim.numeric import Scalar
 
+_LIMITS = (0.12, 3.5)
+"""Shortest and longest distance that an LDS-01 measures, meters."""
 _NUM_KNOTS = 71
 _NUM_WAVES = 4
 _KINK = 0.5
@@ -41,28 +43,23 @@ def lds_01_accuracy(distances: Float[Array, "*batch"]) -> Float[Array, "*batch"]
     return 0.015 + 0.05 * jnp.maximum(distances - _KINK, 0.0)
 
 
-def draw_lds_01_bias(
-    key: PRNGKeyArray, share: Scalar = 0.6, shortest: float = 0.12, longest: float = 3.5
-) -> RangeBias:
+def draw_lds_01_bias(key: PRNGKeyArray, share: Scalar = 0.6) -> RangeBias:
     """Draw the bias of one LDS-01: a few waves over the distance, within the data sheet's accuracy.
 
-    Errors of triangulation are smooth and grow with the distance; their shape depends on the assembly of the
-    individual device.
+    Errors of triangulation are smooth and grow with the distance; their shape differs from device to device.
 
     Args:
         key: PRNG key of the device.
         share: largest ratio of the bias to the accuracy, 0 to 1.
-        shortest: shortest distance that the lidar measures, meters.
-        longest: longest distance that the lidar measures, meters.
     """
     key_phase, key_weight = jax.random.split(key)
     # A knot at the kink of the accuracy: without it, the bias could exceed the accuracy between two knots.
-    distances = jnp.sort(jnp.append(jnp.linspace(shortest, longest, _NUM_KNOTS), _KINK))
+    distances = jnp.sort(jnp.append(jnp.linspace(*_LIMITS, _NUM_KNOTS), _KINK))
     # From one wave over the whole range to one in 0.8 m.
     waves = 0.5 + jnp.arange(_NUM_WAVES, dtype=jnp.float32) * 1.25
     phases = jax.random.uniform(key_phase, (_NUM_WAVES,), jnp.float32, 0.0, 2.0 * jnp.pi)
     weights = jax.random.uniform(key_weight, (_NUM_WAVES,), jnp.float32, 0.5, 1.0) / (1.0 + waves)
-    turns = jnp.outer((distances - shortest) / (longest - shortest), 2.0 * jnp.pi * waves)
+    turns = jnp.outer((distances - _LIMITS[0]) / (_LIMITS[1] - _LIMITS[0]), 2.0 * jnp.pi * waves)
     shape = jnp.sin(turns + phases[None]) @ weights
     shape = shape / jnp.max(jnp.abs(shape))
     return RangeBias(distances, share * shape * lds_01_accuracy(distances))

@@ -9,18 +9,10 @@ from jaxslam.sim.worlds.world import World
 
 
 def rasterize(world: World, spec: GridSpec) -> Bool[np.ndarray, "H W"]:
-    """Mark every cell that a segment crosses.
+    """Mark every cell `[H, W]` of the grid that a segment crosses.
 
-    A cell spans [lower, upper) on both axes, so a wall exactly on the line between two cells
-    belongs to the upper one. A cell that is only touched at a corner stays unmarked. Segments
-    outside the grid are ignored.
-
-    Args:
-        world: the segments, meters.
-        spec: size and placement of the grid.
-
-    Returns:
-        `[H, W]`, row 0 is the lowest y.
+    A cell spans [lower, upper) on both axes, so a wall exactly on the line between two cells belongs to the
+    upper one. A cell that is only touched at a corner stays unmarked.
     """
     segments = np.asarray(world.segments, np.float64).reshape(-1, 2, 2)
     ends = (segments - np.asarray(spec.origin, np.float64)) / float(spec.resolution)
@@ -35,9 +27,7 @@ def rasterize(world: World, spec: GridSpec) -> Bool[np.ndarray, "H W"]:
 
 
 def reachable(
-    occupied: Bool[np.ndarray, "H W"],
-    spec: GridSpec,
-    start: Float[np.ndarray, "2"] | Float[Array, "2"],
+    occupied: Bool[np.ndarray, "H W"], spec: GridSpec, start: Float[np.ndarray, "2"] | Float[Array, "2"]
 ) -> Bool[np.ndarray, "H W"]:
     """Return the free cells `[H, W]` connected over their sides to `start` (meters, world frame).
 
@@ -47,12 +37,11 @@ def reachable(
     cell = (np.asarray(start, np.float64) - np.asarray(spec.origin)) / float(spec.resolution)
     column, row = (int(value) for value in np.floor(cell))
     height, width = occupied.shape
+    where = list(map(float, start))
     if not (0 <= row < height and 0 <= column < width):
-        raise ValueError(f"start {list(map(float, start))} lies outside the grid: give a start on it")
+        raise ValueError(f"start {where} lies outside the grid: give a start on it")
     if occupied[row, column]:
-        raise ValueError(
-            f"start {list(map(float, start))} lies on an occupied cell: give a start in free space"
-        )
+        raise ValueError(f"start {where} lies on an occupied cell: give a start in free space")
     regions, _ = ndimage.label(~occupied)
     return regions == regions[row, column]
 
@@ -60,16 +49,11 @@ def reachable(
 def observable(
     world: World, spec: GridSpec, start: Float[np.ndarray, "2"] | Float[Array, "2"]
 ) -> tuple[Bool[np.ndarray, "H W"], Bool[np.ndarray, "H W"]]:
-    """Return the occupied and free cells `[H, W]` that a robot starting at `start` can observe.
+    """Return the occupied and free cells `[H, W]` that a robot starting at `start` (meters) can observe.
 
     Free cells are reachable from `start`; occupied cells touch a free cell by a side or a corner. Cells
-    inside machines and beyond the walls are neither.
-
-    Args:
-        world: the segments, meters.
-        spec: size and placement of the grid. It should cover the world; otherwise the outside is reachable
-            through the missing wall.
-        start: `[2]` a position in free space, meters.
+    inside machines and beyond the walls are neither. The grid should cover the world; otherwise the outside
+    is reachable through the missing wall.
 
     Raises:
         ValueError: if `start` lies outside the grid or on an occupied cell.

@@ -12,7 +12,7 @@ from jaxslam.sim.robot import Robot
 from jaxslam.sim.simulate import simulate, to_log
 from jaxslam.sim.wheel_odometry import WheelOdometry
 from jaxslam.sim.worlds.halls import make_world
-from jaxslam.sim.worlds.world import World
+from jaxslam.sim.worlds.world import Site, World
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Truth:
 
 
 def drive(
-    world: str | tuple[World, Float64[np.ndarray, "W 2"]] = "hall_small",
+    world: str | Site = "hall_small",
     *,
     key: PRNGKeyArray,
     duration: float = 200.0,

@@ -13,9 +13,8 @@ from jaxslam.sim.numeric import Scalar, compensated_add
 class Robot(eqx.Module):
     """Limits and steering of the robot.
 
-    The robot follows the straight leg between two way-points by aiming at a point `lookahead` ahead
-    on it. It slows down for the turn at the leg's end and for heading errors, and turns in place if
-    necessary.
+    The robot aims at a point `lookahead` ahead on the straight leg between two way-points. It slows down for
+    the turn at the leg's end and for heading errors, and turns in place if necessary.
 
     Attributes:
         radius: radius of the circle around the robot, meters.
@@ -111,14 +110,8 @@ def _wrapped(pose: Float[Array, "3"]) -> Float[Array, "3"]:
     return pose.at[2].set(se2.wrap(pose[2]))
 
 
-def start_pose(waypoints: Float64[np.ndarray, "W 2"]) -> Float64[np.ndarray, "3"]:
-    """Return the start pose `[3]` of a drive: on the first way-point, facing the second."""
-    direction = waypoints[1] - waypoints[0]
-    return np.array([*waypoints[0], np.arctan2(direction[1], direction[0])])
-
-
 def follow_tour(robot: Robot, waypoints: Float[Array, "W 2"], num_steps: int) -> Drive:
-    """Drive repeatedly round a closed tour of way-points, from rest at the first one.
+    """Drive repeatedly round a closed tour, from rest at the first way-point, facing the second.
 
     Args:
         robot: limits and steering.
@@ -129,33 +122,29 @@ def follow_tour(robot: Robot, waypoints: Float[Array, "W 2"], num_steps: int) ->
         The drive with `P = num_steps + 1` poses, the first one at rest.
     """
     heading = jnp.arctan2(*(waypoints[1] - waypoints[0])[::-1])
-    initial = _State(
-        pose=jnp.concatenate([waypoints[0], heading[None]]),
-        rounding=jnp.zeros(3, jnp.float32),
-        speed=jnp.zeros((), jnp.float32),
-        yaw_rate=jnp.zeros((), jnp.float32),
-        leg=jnp.zeros((), jnp.int32),
-    )
+    start = jnp.concatenate([waypoints[0], heading[None]])
+    zero = jnp.zeros((), jnp.float32)
+    initial = _State(start, jnp.zeros(3, jnp.float32), zero, zero, jnp.zeros((), jnp.int32))
 
     def step(state: _State, _: None) -> tuple[_State, tuple[Array, Array, Array]]:
-        commanded = _command(robot, waypoints, state)
-        velocity = jnp.stack([commanded.speed, jnp.zeros((), jnp.float32), commanded.yaw_rate])
+        speed, yaw_rate, leg = _command(robot, waypoints, state)
+        velocity = jnp.stack([speed, zero, yaw_rate])
         step_made = _displacement(state.pose[2], velocity, 1 / robot.rate)
-        summed = compensated_add(state.pose, state.rounding, step_made)
-        moved = eqx.tree_at(lambda s: (s.pose, s.rounding), commanded, summed)
-        return moved, (_wrapped(state.pose), velocity, commanded.leg)
+        pose, rounding = compensated_add(state.pose, state.rounding, step_made)
+        return _State(pose, rounding, speed, yaw_rate, leg), (_wrapped(state.pose), velocity, leg)
 
     _, (poses, velocities, targets) = jax.lax.scan(step, initial, None, length=num_steps + 1)
     return Drive(poses=poses, velocities=velocities, targets=targets, rate=robot.rate)
 
 
-def _command(robot: Robot, waypoints: Float[Array, "W 2"], state: _State) -> _State:
-    """Return speed and yaw rate of the next step, within the limits, without moving the pose."""
-    count = waypoints.shape[0]
+def _command(
+    robot: Robot, waypoints: Float[Array, "W 2"], state: _State
+) -> tuple[Float[Array, ""], Float[Array, ""], Int[Array, ""]]:
+    """Return speed and yaw rate of the next step, within the limits, and the leg to follow."""
     remaining = _project(waypoints, state.leg, state.pose)[1]
     leg = state.leg + (remaining <= robot.switch_distance).astype(jnp.int32)
     along, remaining = _project(waypoints, leg, state.pose)
-    goal = waypoints[(leg + 1) % count]
+    goal = waypoints[(leg + 1) % waypoints.shape[0]]
     turn = jnp.abs(se2.wrap(_bearing(waypoints, leg + 1) - _bearing(waypoints, leg)))
 
     aim = goal - along * jnp.maximum(remaining - robot.lookahead, 0.0)
@@ -171,12 +160,10 @@ def _command(robot: Robot, waypoints: Float[Array, "W 2"], state: _State) -> _St
         jnp.minimum(robot.steering_gain * jnp.abs(error), robot.max_yaw_rate),
         jnp.sqrt(robot.max_yaw_acceleration * jnp.abs(error)),
     )
-    return _State(
-        pose=state.pose,
-        rounding=state.rounding,
-        speed=_limit(state.speed, speed, robot.max_acceleration / robot.rate),
-        yaw_rate=_limit(state.yaw_rate, yaw_rate, robot.max_yaw_acceleration / robot.rate),
-        leg=leg,
+    return (
+        _limit(state.speed, speed, robot.max_acceleration / robot.rate),
+        _limit(state.yaw_rate, yaw_rate, robot.max_yaw_acceleration / robot.rate),
+        leg,
     )
 
 

@@ -33,7 +33,7 @@ class Simulation(eqx.Module):
         inertial: the IMU's samples.
         scans: `T` scans, `[T, B]`; instantaneous, without motion distortion.
         scan_poses: `[T, 3]` true base poses at the scans, world frame: the reference trajectory.
-        robot, wheels, imu, lidar: the models of the simulation.
+        wheels, imu, lidar: the models of the sensors.
         duration: seconds (static).
     """
 
@@ -42,7 +42,6 @@ class Simulation(eqx.Module):
     inertial: Inertial
     scans: LidarScan
     scan_poses: Float[Array, "*batch T 3"]
-    robot: Robot
     wheels: WheelOdometry
     imu: Imu
     lidar: Lidar
@@ -86,30 +85,18 @@ def simulate(
     lidar: Lidar | None = None,
     duration: float = 200.0,
 ) -> Simulation:
-    """Drive a robot through a world and record the readings of its sensors.
+    """Drive a robot round the closed tour `waypoints` `[W, 2]` (meters) and record its sensors' readings.
 
-    The drive depends on the way-points only; the key draws all errors and noise. One compilation serves
-    all keys, all worlds and tours of the same size and all floats of the models. The number of beams, the
-    rates and the duration are static. Vmap over keys with the rest fixed.
-
-    Args:
-        key: the same key gives the same bytes.
-        world: the segments, meters.
-        waypoints: `[W, 2]` closed tour, meters; repeated until the end of the duration.
-        robot: limits and steering; None for the defaults, as for the sensors.
-        wheels: encoders and their errors.
-        imu: noise and biases.
-        lidar: beams and noise; None is a SICK LMS-200 with 181 beams.
-        duration: seconds (static); a short one drives only the first part of the tour.
+    Arguments as in `jaxslam.sim.drive`. The drive depends on the way-points only; the key draws all errors
+    and noise. One compilation serves all keys, all worlds and tours of the same size and all floats of the
+    models. The number of beams, the rates and the duration are static. Vmap over keys with the rest fixed.
 
     Raises:
         ValueError: if there are fewer than two way-points, two in a row are the same, a leg comes
             too near to a wall, or the drive is too short for one scan.
     """
-    robot = Robot() if robot is None else robot
-    wheels = WheelOdometry() if wheels is None else wheels
-    imu = Imu() if imu is None else imu
-    lidar = sick() if lidar is None else lidar
+    robot, lidar = robot or Robot(), lidar or sick()
+    wheels, imu = wheels or WheelOdometry(), imu or Imu()
     _check(world, waypoints, robot, lidar, duration)
     return _simulate(key, world, jnp.asarray(waypoints, jnp.float32), robot, wheels, imu, lidar, duration)
 
@@ -127,16 +114,13 @@ def _simulate(
 ) -> Simulation:
     key_wheels, key_imu, key_lidar = jax.random.split(key, 3)
     truth = follow_tour(robot, waypoints, math.ceil(duration * robot.rate))
-    odometry_times = sample_times(wheels.rate, duration, phase=0.0)
-    odometry = wheels.simulate(key_wheels, truth, odometry_times)
     scan_poses, _ = truth.at(sample_times(lidar.rate, duration, phase=0.5))
     return Simulation(
         drive=truth,
-        odometry=odometry,
+        odometry=wheels.simulate(key_wheels, truth, sample_times(wheels.rate, duration, phase=0.0)),
         inertial=imu.simulate(key_imu, truth, sample_times(imu.rate, duration, phase=0.5)),
         scans=lidar.simulate(key_lidar, world, scan_poses),
         scan_poses=scan_poses,
-        robot=robot,
         wheels=wheels,
         imu=imu,
         lidar=lidar,
@@ -151,23 +135,25 @@ def to_log(
     start_stamp: float = 1.7e9,
     in_world_frame: bool = False,
 ) -> SensorLog:
-    """Convert the simulation to a log, as if it had been read from a file (host).
+    """Convert one drive, without batch axes, to a log, as if it had been read from a file (host).
 
-    Odometry, IMU and lidar have stamps of their own. The IMU reports orientation and angular
-    velocity about its z axis; linear acceleration is NaN.
+    The IMU reports orientation and angular velocity about its z axis; linear acceleration is NaN.
 
     Args:
-        simulation: one drive, without batch axes.
+        simulation: the drive.
         name: name of the log, in place of a file's path.
         start_stamp: Unix time of the start, seconds.
         in_world_frame: start the odometry at the true pose instead of zero, so that a map made from the log
             is aligned with the world.
     """
     odometry_stamps = start_stamp + simulation.odometry_times
-    scan_stamps = start_stamp + simulation.scan_times
+    poses = _host(simulation.odometry.poses)
+    if in_world_frame:
+        start = _host(simulation.drive.poses)[:1]
+        poses = se2.compose(se2.compose(start, se2.inverse(poses[:1])), poses)
     odometry = OdometryTrack(
         stamps=odometry_stamps,
-        poses=_odometry_poses(simulation, in_world_frame),
+        poses=poses,
         twists=_host(simulation.odometry.twists),
         topic="odom",
     )
@@ -180,17 +166,9 @@ def to_log(
         topic="joint_states",
     )
     imu = _imu_track(simulation, start_stamp)
-    scans = _scan_track(simulation, scan_stamps)
+    scans = _scan_track(simulation, start_stamp)
     counts = {track.topic: len(track.stamps) for track in (odometry, imu, joints, scans)}
     return SensorLog(path=Path(name), odometry=odometry, imu=imu, joints=joints, scans=scans, topics=counts)
-
-
-def _odometry_poses(simulation: Simulation, in_world_frame: bool) -> Float64[np.ndarray, "M 3"]:
-    poses = _host(simulation.odometry.poses)
-    if not in_world_frame:
-        return poses
-    start = _host(simulation.drive.poses)[:1]
-    return se2.compose(se2.compose(start, se2.inverse(poses[:1])), poses)
 
 
 def _imu_track(simulation: Simulation, start_stamp: float) -> ImuTrack:
@@ -207,13 +185,12 @@ def _imu_track(simulation: Simulation, start_stamp: float) -> ImuTrack:
     )
 
 
-def _scan_track(simulation: Simulation, stamps: Float64[np.ndarray, "T"]) -> ScanTrack:
+def _scan_track(simulation: Simulation, start_stamp: float) -> ScanTrack:
     scans = simulation.scans
-    ranges = np.where(np.asarray(scans.valid), np.asarray(scans.ranges), np.float32(np.nan))
     return ScanTrack(
-        stamps=stamps,
-        ranges=ranges,
-        num_beams=np.full(len(stamps), scans.num_beams),
+        stamps=start_stamp + simulation.scan_times,
+        ranges=np.where(scans.valid, scans.ranges, np.float32(np.nan)),
+        num_beams=np.full(len(scans.ranges), scans.num_beams),
         angle_min=_host(scans.angle_min),
         angle_increment=_host(scans.angle_increment),
         range_min=float(simulation.lidar.range_min),
@@ -230,11 +207,7 @@ def _host(values: Shaped[Array, "*any"]) -> Shaped[np.ndarray, "*any"]:
 
 
 def _check(
-    world: World,
-    waypoints: Float64[np.ndarray, "W 2"],
-    robot: Robot,
-    lidar: Lidar,
-    duration: float,
+    world: World, waypoints: Float64[np.ndarray, "W 2"], robot: Robot, lidar: Lidar, duration: float
 ) -> None:
     if len(waypoints) < 2:
         raise ValueError(f"a tour needs at least two way-points, not {len(waypoints)}")

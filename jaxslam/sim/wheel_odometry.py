@@ -45,9 +45,9 @@ class Odometry(eqx.Module):
 class WheelOdometry(eqx.Module):
     """Two driven wheels with encoders.
 
-    Systematic errors (Borenstein and Feng 1996: unequal wheel diameters and an uncertain wheelbase)
-    are constant during a drive; each is the sum of a given part and a part drawn per robot. Slip is
-    random, with a variance proportional to the distance that each wheel rolls.
+    Systematic errors, (true − assumed) / assumed, are constant during a drive (Borenstein and Feng 1996:
+    unequal wheel diameters and an uncertain wheelbase); each is the sum of a given part and a part drawn per
+    robot. Slip is random, with a variance proportional to the distance that each wheel rolls.
 
     After 100 m, the error with the defaults is 2.9 m and 20° in `hall_small` and 1.9 m and 20° in
     `hall_large` (root mean square over 200 robots); slip alone causes 8° of it.
@@ -55,10 +55,8 @@ class WheelOdometry(eqx.Module):
     Attributes:
         wheel_radius: radius assumed by the odometry, meters.
         track_width: distance between the wheels assumed by the odometry, meters.
-        left_radius_error, right_radius_error: given part of (true − assumed) / assumed.
-        track_width_error: given part of (true − assumed) / assumed.
-        sigma_radius_error: standard deviation of the drawn part, independent for each wheel.
-        sigma_track_width_error: standard deviation of the drawn part.
+        left_radius_error, right_radius_error, track_width_error: given part of the errors.
+        sigma_radius_error, sigma_track_width_error: standard deviation of the drawn part of each error.
         sigma_slip: standard deviation of a wheel's slip after rolling one meter, m/√m.
         ticks_per_turn: encoder counts per turn of a wheel.
         rate: readings per second (static).
@@ -81,9 +79,7 @@ class WheelOdometry(eqx.Module):
 
     def __check_init__(self) -> None:
         if not self.rate > 0:
-            raise ValueError(
-                f"rate is {self.rate}: give the odometry a positive number of readings per second"
-            )
+            raise ValueError(f"rate is {self.rate}: give a positive number of odometry readings per second")
 
     def errors(self, noise: Float[Array, "3"]) -> OdometryErrors:
         """Return the systematic errors of one robot, from three standard normal numbers."""
@@ -99,7 +95,7 @@ class WheelOdometry(eqx.Module):
 
         Args:
             key: PRNG key of the systematic errors and the slip.
-            drive: the true motion, `[P]` steps.
+            drive: the true motion.
             times: `[M]` times of the readings, seconds, increasing, the first one 0 (host values).
         """
         num_steps = drive.velocities.shape[0] - 1
@@ -123,16 +119,13 @@ class WheelOdometry(eqx.Module):
         )
 
     def integrate(self, ticks: Int[Array, "M 2"]) -> tuple[Float[Array, "M 3"], Float[Array, "M 3"]]:
-        """Integrate encoder counts to odometry poses, in the frame of the first reading.
-
-        Headings are computed from the total counts, so that they accumulate no rounding error.
-
-        Args:
-            ticks: `[M, 2]` counts of the left and the right wheel.
+        """Integrate the counts `[M, 2]` of the left and the right wheel to odometry.
 
         Returns:
-            Poses `[M, 3]` (m, m, rad), and `[M, 3]` (arc length, 0, turn) since the previous pose.
+            Poses `[M, 3]` (m, m, rad) in the frame of the first reading, and `[M, 3]` (arc length, 0, turn)
+            since the previous pose.
         """
+        # Headings follow from the total counts, so that they accumulate no rounding error.
         meters_per_tick = 2 * jnp.pi * self.wheel_radius / self.ticks_per_turn
         traveled = (ticks - ticks[:1]).astype(jnp.float32) * meters_per_tick
         heading = (traveled[:, 1] - traveled[:, 0]) / self.track_width
@@ -150,8 +143,8 @@ class WheelOdometry(eqx.Module):
         """Return the true angle `[P, 2]` of the left and right wheel at each step, radians."""
         half_track = self.track_width * (1 + errors.track_width) / 2
         speed, yaw_rate = drive.velocities[:-1, 0], drive.velocities[:-1, 2]
-        rolled = jnp.stack([speed - half_track * yaw_rate, speed + half_track * yaw_rate], axis=1)
-        rolled = rolled / drive.rate
+        turning = half_track * yaw_rate
+        rolled = jnp.stack([speed - turning, speed + turning], axis=1) / drive.rate
         rolled = rolled + self.sigma_slip * jnp.sqrt(jnp.abs(rolled)) * slip
         radius = self.wheel_radius * (1 + jnp.stack([errors.left_radius, errors.right_radius]))
         turned = running_sum(rolled / radius[None])

@@ -117,7 +117,7 @@ def measure(
     objective.
     """
     loaded = load(source)
-    found: list[Figures | TrialError | None] = [None] * len(settings)
+    found: dict[int, Figures | TrialError] = {}
     groups: dict[Any, list[tuple[int, RBPF, PreparedScans]]] = {}
     for index, each in enumerate(settings):
         try:
@@ -145,7 +145,7 @@ def measure(
                 found[index] = _figures(loaded, slam, scans, result, row)
             except ValueError as error:
                 found[index] = TrialError(str(error))
-    return [each if each is not None else TrialError("it was not run") for each in found]
+    return [found[index] for index in range(len(settings))]
 
 
 def _prepared(

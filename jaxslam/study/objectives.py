@@ -56,8 +56,3 @@ OBJECTIVES: dict[str, Objective] = {
     "time": Objective("time, ms per scan", lambda figures: figures.ms_per_scan, "nothing"),
 }
 """Objectives by name: a mean over the sources, and over the seeds the mean or the worst."""
-
-
-def values(objectives: tuple[str, ...], by_source: list[Figures]) -> list[float]:
-    """Return the objectives of a trial."""
-    return [float(np.mean([OBJECTIVES[name].of(figures) for figures in by_source])) for name in objectives]

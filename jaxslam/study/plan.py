@@ -4,18 +4,18 @@ import dataclasses
 import difflib
 import json
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from jaxslam.config import toml
-from jaxslam.config.dotted import Scalar, update
+from jaxslam.config.dotted import Scalar
 from jaxslam.config.lidar_presets import PRESETS, LidarPreset, lidar_preset
 from jaxslam.config.slam import SlamConfig
 from jaxslam.sim.worlds.halls import WORLDS
 from jaxslam.study.objectives import OBJECTIVES
-from jaxslam.study.space import Space
+from jaxslam.study.space import Space, with_settings
 
 SAMPLERS = ("tpe", "cma-es", "nsga-ii", "random")
 HELD_OUT_SEEDS = 1000
@@ -119,15 +119,6 @@ def starting_with(lidar: str | LidarPreset | Mapping[str, Any] | None) -> SlamCo
     return SlamConfig().with_lidar(lidar)
 
 
-def with_settings(configuration: SlamConfig, settings: Mapping[str, Scalar]) -> SlamConfig:
-    """Return a configuration with changed settings; `method` is one of them."""
-    rest = dict(settings)
-    method = rest.pop("method", None)
-    if method is not None:
-        configuration = configuration.with_method(str(method))
-    return update(configuration, rest, exact=True)
-
-
 def read_plan(path: str | Path) -> Plan:
     """Read and check a study.
 
@@ -138,21 +129,19 @@ def read_plan(path: str | Path) -> Plan:
     """
     path = Path(path)
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+        return _plan(tomllib.loads(path.read_text(encoding="utf-8")), path)
     except UnicodeDecodeError:
         raise ValueError(f"{path}: not a text file: give a study in TOML") from None
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path}: not valid TOML: {error}") from None
-    try:
-        return _plan(tables, path)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
 def _plan(tables: dict[str, Any], path: Path) -> Plan:
-    _known(tables, ("study", "filter", "logs", "held_out", "space"), "a study has no table")
+    _check_names(tables, ("study", "filter", "logs", "held_out", "space"), "a study has no table")
     study = _table(tables, "study")
-    _known(study, tuple(_DEFAULTS), "[study] has no")
+    _check_names(study, tuple(_DEFAULTS), "[study] has no")
     given = {**_DEFAULTS, "name": path.stem, **study}
     for key, least in (("seed", 0), ("trials", 1), ("batch", 1)):
         if not (type(given[key]) is int and given[key] >= least):
@@ -162,6 +151,8 @@ def _plan(tables: dict[str, Any], path: Path) -> Plan:
     if not (isinstance(name, str) and name.isprintable() and name.strip(". ") and not set(name) & set("/\\")):
         raise ValueError(f"study.name is {name!r}: give text that can be the name of a file")
     base = _base(study, _table(tables, "filter"), path.parent)
+    # Report invalid settings here, before the first trial.
+    configuration = with_settings(SlamConfig(), base)
     seeds = _seeds(given["seeds"], 0, "study.seeds")
     first = max(HELD_OUT_SEEDS, *(seed + 1 for seed in seeds))
     held_out_seeds = _seeds(given["held_out_seeds"], first, "study.held_out_seeds")
@@ -179,6 +170,7 @@ def _plan(tables: dict[str, Any], path: Path) -> Plan:
     for source in (*sources, *held_out):
         for objective in objectives:
             OBJECTIVES[objective].check(source)
+    names = toml.named(_table(tables, "space"), leaves=("low", "high", "step", "log", "choices"))
     plan = Plan(
         name=name,
         base=base,
@@ -186,16 +178,13 @@ def _plan(tables: dict[str, Any], path: Path) -> Plan:
         held_out=held_out,
         seeds=seeds,
         held_out_seeds=held_out_seeds,
-        space=Space(()),
+        space=Space.from_tables(names, configuration),
         objectives=objectives,
         sampler=sampler,
         sampler_seed=given["seed"],
         trials=given["trials"],
         batch=given["batch"],
     )
-    names = toml.named(_table(tables, "space"), leaves=("low", "high", "step", "log", "choices"))
-    space = Space.from_tables(names, plan.configuration({}))
-    plan = dataclasses.replace(plan, space=space)
     _check_bounds(plan)
     return plan
 
@@ -216,16 +205,10 @@ _DEFAULTS: dict[str, Any] = {
 
 def _base(study: Mapping[str, Any], settings: dict[str, Any], folder: Path) -> dict[str, Scalar]:
     """Collect the differences from the defaults: the method, a file, the table [filter], in this order."""
-    base: dict[str, Scalar] = {}
-    if "method" in study:
-        base["method"] = study["method"]
+    base: dict[str, Any] = {"method": study["method"]} if "method" in study else {}
     if "config" in study:
-        file = _existing(study["config"], folder, "study.config")
-        base |= toml.read_settings(file)  # type: ignore[arg-type]
-    base |= toml.named(settings)  # type: ignore[arg-type]
-    # Report invalid settings here, before the first trial.
-    with_settings(SlamConfig(), base)
-    return base
+        base |= toml.read_settings(_existing(study["config"], folder, "study.config"))
+    return base | toml.named(settings)
 
 
 def _sources(tables: Any, name: str, folder: Path) -> tuple[Source, ...]:
@@ -235,7 +218,9 @@ def _sources(tables: Any, name: str, folder: Path) -> tuple[Source, ...]:
     found: list[Source] = []
     for index, table in enumerate(tables):
         where = f"[[{name}]] {index + 1}"
-        _known(table, known, f"{where} has no")
+        if not isinstance(table, dict):
+            raise ValueError(f"{table!r} stands where a table is wanted")
+        _check_names(table, known, f"{where} has no")
         if ("log" in table) == ("world" in table):
             raise ValueError(f"{where}: give a log or a world")
         if "world" in table:
@@ -269,8 +254,9 @@ def _sources(tables: Any, name: str, folder: Path) -> tuple[Source, ...]:
 
 def _check_bounds(plan: Plan) -> None:
     """Check both ends of every parameter, so that an invalid bound does not cost a trial."""
+    base = plan.configuration({})
     for parameter in plan.space.parameters:
-        holds = plan.space.where_it_applies(parameter, plan.configuration({}))
+        holds = plan.space.where_it_applies(parameter, base)
         for value in parameter.ends():
             try:
                 plan.configuration({**holds, parameter.name: value})
@@ -307,10 +293,7 @@ def _is_seed(value: Any) -> bool:
 def _chosen(given: Any, known: Sequence[str], name: str) -> tuple[str, ...]:
     if not isinstance(given, list) or not given:
         raise ValueError(f"{name} is {given!r}: give a list with some of {', '.join(known)}")
-    for value in given:
-        if value not in known:
-            nearest = difflib.get_close_matches(str(value), known, n=1, cutoff=0.0)[0]
-            raise ValueError(f"{name} is {value!r}: did you mean {nearest!r}? There are {', '.join(known)}")
+    _check_names(given, known, f"{name} is")
     if len(set(given)) < len(given):
         raise ValueError(f"{name} names one twice: {', '.join(given)}")
     return tuple(given)
@@ -323,10 +306,8 @@ def _table(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
     return table
 
 
-def _known(table: Any, names: Sequence[str], context: str) -> None:
-    if not isinstance(table, Mapping):
-        raise ValueError(f"{table!r} stands where a table is wanted")
-    for name in table:
-        if name not in names:
-            nearest = difflib.get_close_matches(name, names, n=1, cutoff=0.0)[0]
-            raise ValueError(f"{context} {name!r}: did you mean {nearest!r}? There are {', '.join(names)}")
+def _check_names(names: Iterable[Any], known: Sequence[str], context: str) -> None:
+    for name in names:
+        if name not in known:
+            nearest = difflib.get_close_matches(str(name), known, n=1, cutoff=0.0)[0]
+            raise ValueError(f"{context} {name!r}: did you mean {nearest!r}? There are {', '.join(known)}")

@@ -3,14 +3,14 @@
 import dataclasses
 import json
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import optuna
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from jaxtyping import Float64
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from optuna.trial import FrozenTrial, TrialState
@@ -18,7 +18,8 @@ from optuna.trial import FrozenTrial, TrialState
 from jaxslam.config import toml
 from jaxslam.config.dotted import Scalar
 from jaxslam.study.objectives import OBJECTIVES
-from jaxslam.study.plan import starting_with, with_settings
+from jaxslam.study.plan import starting_with
+from jaxslam.study.space import with_settings
 from jaxslam.study.storage import Store, failure
 from jaxslam.viz import style
 
@@ -67,6 +68,21 @@ class Summary:
             raise ValueError("no trial of this study has values yet")
         return self.complete[0]
 
+    @property
+    def labels(self) -> list[str]:
+        """Return the labels of the objectives."""
+        return [OBJECTIVES[name].label for name in self.objectives]
+
+    @property
+    def settings(self) -> list[str]:
+        """Return the names of all settings of the trials, those of the best trial first."""
+        return list(dict.fromkeys(name for trial in self.complete for name in trial.params))
+
+    @property
+    def important(self) -> list[str]:
+        """Return the names of all settings with an importance, in the order of the first objective."""
+        return list(dict.fromkeys(name for shares in self.importances.values() for name in shares))
+
 
 def summarize(store: Store, objectives: Sequence[str]) -> Summary:
     """Collect the trials and importances of a study."""
@@ -85,33 +101,32 @@ def summarize(store: Store, objectives: Sequence[str]) -> Summary:
 
 def trial_table(summary: Summary, count: int | None = None) -> str:
     """Return the trials as a Markdown table, best first; a star marks the Pareto front."""
-    names = _names(summary)
+    names = summary.settings
     front = {trial.number for trial in summary.front}
-    labels = [OBJECTIVES[name].label for name in summary.objectives]
-    lines = [
-        "| trial | " + " | ".join([*labels, *names]) + " |",
-        "|" + "---|" * (1 + len(labels) + len(names)),
-    ]
+    rows = []
     for trial in summary.complete[:count]:
         mark = " *" if trial.number in front else ""
-        cells = [f"{value:.4g}" for value in trial.values]
-        cells += [cell(trial.params[name]) if name in trial.params else "" for name in names]
-        lines.append(f"| {trial.number}{mark} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        tried = [trial.params.get(name, "") for name in names]
+        rows.append([f"{trial.number}{mark}", *map(cell, trial.values), *map(cell, tried)])
+    return markdown_table(["trial", *summary.labels, *names], rows)
 
 
 def importance_table(summary: Summary) -> str:
     """Return the share of each parameter in an objective's variance as a Markdown table."""
-    names = list(dict.fromkeys(name for shares in summary.importances.values() for name in shares))
+    names = summary.important
     if not names:
         return "Too few trials to estimate which parameters matter."
-    labels = [OBJECTIVES[name].label for name in summary.objectives]
-    lines = ["| importance for | " + " | ".join(names) + " |", "|" + "---|" * (1 + len(names))]
-    for objective, label in zip(summary.objectives, labels, strict=True):
+    rows = []
+    for objective, label in zip(summary.objectives, summary.labels, strict=True):
         shares = summary.importances[objective]
-        cells = [f"{shares[name]:.2f}" if name in shares else "" for name in names]
-        lines.append(f"| {label} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        rows.append([label, *(f"{shares[name]:.2f}" if name in shares else "" for name in names)])
+    return markdown_table(["importance for", *names], rows)
+
+
+def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table."""
+    first, *others = ("| " + " | ".join(row) + " |" for row in (header, *rows))
+    return "\n".join([first, "|" + "---|" * len(header), *others])
 
 
 def write_report(folder: Path, store: Store, plan: dict[str, Any]) -> Summary:
@@ -151,10 +166,9 @@ def write_report(folder: Path, store: Store, plan: dict[str, Any]) -> Summary:
 
 def counts(summary: Summary) -> str:
     """Return one line with the number of trials and the reasons for failures."""
-    failed, lost = len(summary.failed), summary.lost
-    complete = len(summary.complete)
+    complete, failed = len(summary.complete), len(summary.failed)
     trials = "trial" if complete == 1 else "trials"
-    text = f"{complete} {trials} with values, {failed} failed, {lost} lost or in flight."
+    text = f"{complete} {trials} with values, {failed} failed, {summary.lost} lost or in flight."
     reasons: dict[str, list[int]] = {}
     for number, reason in summary.failed:
         reasons.setdefault(reason, []).append(number)
@@ -177,7 +191,7 @@ def draw(folder: Path, summary: Summary) -> None:
     """Draw history, parallel coordinates and importances; for two objectives also the Pareto front."""
     several = len(summary.objectives)
     _save(folder / "history.png", summary, _draw_history, (7, 2.9 * several + 0.4))
-    width = 1.6 * (len(_names(summary)) + several) + 2
+    width = 1.6 * (len(summary.settings) + several) + 2
     _save(folder / "parallel.png", summary, draw_parallel, (width, 4.5))
     bars = max(map(len, summary.importances.values()))
     if bars:
@@ -190,7 +204,6 @@ def _save(
     path: Path, summary: Summary, function: Callable[[Figure, Summary], None], size: tuple[float, float]
 ) -> None:
     figure = Figure(figsize=size, layout="constrained")
-    FigureCanvasAgg(figure)
     function(figure, summary)
     figure.savefig(path, dpi=110)
 
@@ -200,37 +213,26 @@ def _draw_history(figure: Figure, summary: Summary) -> None:
     by_number = sorted(summary.complete, key=lambda trial: trial.number)
     numbers = [trial.number for trial in by_number]
     failed = [number for number, _ in summary.failed]
-    for index, (ax, name) in enumerate(zip(axes, summary.objectives, strict=True)):
-        reached = [trial.values[index] for trial in by_number]
-        best = [min(reached[: end + 1]) for end in range(len(reached))]
+    for ax, label, reached in zip(axes, summary.labels, _values(by_number), strict=True):
+        best = np.minimum.accumulate(reached)
         ax.plot(numbers, reached, "o", color=style.NEUTRAL, markersize=3.5, label="trial")
         ax.step(numbers, best, where="post", color=style.ESTIMATE, label="best so far")
         if failed:
             # Failed trials have no value: draw them on the lower edge, whatever the scale is.
-            edge = ax.get_xaxis_transform()
-            ax.plot(
-                failed,
-                [0.0] * len(failed),
-                "x",
-                color=style.REFERENCE,
-                label="failed",
-                transform=edge,
-                clip_on=False,
-            )
+            edge = {"transform": ax.get_xaxis_transform(), "clip_on": False}
+            ax.plot(failed, np.zeros(len(failed)), "x", color=style.REFERENCE, label="failed", **edge)
         if _is_wide(reached):
             ax.set_yscale("log")
         ax.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10], min_n_ticks=1))
-        style.curve_axes(ax, "trial" if ax is axes[-1] else "", OBJECTIVES[name].label)
+        style.curve_axes(ax, "trial" if ax is axes[-1] else "", label)
     style.add_legend(axes[0])
 
 
 def draw_parallel(figure: Figure, summary: Summary) -> None:
     """Draw every trial as a line over its settings and objectives, each with its own scale."""
     ax = figure.subplots()
-    names = _names(summary)
-    columns = [_setting_column(summary, name) for name in names]
-    for index in range(len(summary.objectives)):
-        columns.append(_column([trial.values[index] for trial in summary.complete]))
+    columns = [_setting_column(summary, name) for name in summary.settings]
+    columns += [_column(values.tolist()) for values in _values(summary.complete)]
     worst = len(summary.complete) - 1
     # Draw the best trials last, on top of the others.
     for rank in range(worst, -1, -1):
@@ -250,24 +252,14 @@ def draw_parallel(figure: Figure, summary: Summary) -> None:
                 va="center",
                 bbox={"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
             )
-    labels = [name.replace(".", ".\n") for name in names]
-    labels += [OBJECTIVES[name].label for name in summary.objectives]
+    labels = [*(name.replace(".", ".\n") for name in summary.settings), *summary.labels]
     ax.set_xticks(range(len(columns)), labels, fontsize="small")
     ax.set_yticks([])
     ax.tick_params(length=0)
     ax.set_xlim(-0.1, len(columns) - 0.5)
     ax.spines[:].set_visible(False)
-    by = (
-        f" by {OBJECTIVES[summary.objectives[0]].label.partition(',')[0]}"
-        if len(summary.objectives) > 1
-        else ""
-    )
+    by = f" by {summary.labels[0].partition(',')[0]}" if len(summary.objectives) > 1 else ""
     ax.set_title(f"all trials, dark is better{by}; the best one in color", fontsize="small")
-
-
-def _names(summary: Summary) -> list[str]:
-    """Return the names of all parameters of the trials, those of the best trial first."""
-    return list(dict.fromkeys(name for trial in summary.complete for name in trial.params))
 
 
 def _setting_column(summary: Summary, name: str) -> tuple[list[float], dict[float, str]]:
@@ -288,7 +280,8 @@ def _column(values: Sequence[Scalar], log: bool | None = None) -> tuple[list[flo
         heights = [known.index(str(value)) / max(len(known) - 1, 1) for value in values]
     else:
         numbers = np.array(values, float)
-        numbers = np.log(numbers) if log or (log is None and _is_wide(values)) else numbers
+        if log or (log is None and _is_wide(numbers)):
+            numbers = np.log(numbers)
         span = numbers.max() - numbers.min()
         heights = ((numbers - numbers.min()) / span if span > 0 else 0.5 + 0 * numbers).tolist()
     ticks = dict(zip(heights, map(cell, values), strict=True))
@@ -296,34 +289,34 @@ def _column(values: Sequence[Scalar], log: bool | None = None) -> tuple[list[flo
     return heights, shown
 
 
-def _is_wide(values: Sequence[Any]) -> bool:
+def _is_wide(values: Float64[np.ndarray, "T"]) -> bool:
     """Return whether a few values are so large that the others would look equal."""
-    return bool(min(values) > 0 and max(values) > _WIDE * np.median(values))
+    return bool(values.min() > 0 and values.max() > _WIDE * np.median(values))
 
 
 def _draw_importances(figure: Figure, summary: Summary) -> None:
     axes = figure.subplots(1, len(summary.objectives), squeeze=False, sharey=True)[0]
-    # All objectives use the order of the first one.
-    names = list(dict.fromkeys(name for shares in summary.importances.values() for name in shares))[::-1]
-    for ax, objective in zip(axes, summary.objectives, strict=True):
+    # The first bar is at the bottom.
+    names = summary.important[::-1]
+    for ax, objective, label in zip(axes, summary.objectives, summary.labels, strict=True):
         shares = summary.importances[objective]
         ax.barh(names, [shares.get(name, 0.0) for name in names], color=style.ESTIMATE, height=0.6)
         ax.set_xlim(0.0, 1.0)
-        style.curve_axes(ax, OBJECTIVES[objective].label, "")
+        style.curve_axes(ax, label, "")
     figure.suptitle("share of the variance", fontsize="medium")
 
 
 def _draw_front(figure: Figure, summary: Summary) -> None:
     ax = figure.subplots()
-    ax.plot(*_objectives(summary.complete), "o", color=style.NEUTRAL, markersize=4, label="trial")
+    every, front = _values(summary.complete), _values(summary.front)
+    ax.plot(*every, "o", color=style.NEUTRAL, markersize=4, label="trial")
     # Between two trials of the front, only the worse value of both is known to be reachable.
-    front = _objectives(summary.front)
     ax.step(*front, "o-", where="post", color=style.REFERENCE, linewidth=1.2, label="Pareto front")
-    if _is_wide(front[0]) or _is_wide(_objectives(summary.complete)[0]):
+    if _is_wide(front[0]) or _is_wide(every[0]):
         ax.set_xscale("log")
-    if _is_wide(front[1]) or _is_wide(_objectives(summary.complete)[1]):
+    if _is_wide(front[1]) or _is_wide(every[1]):
         ax.set_yscale("log")
-    style.curve_axes(ax, *(OBJECTIVES[name].label for name in summary.objectives))
+    style.curve_axes(ax, *summary.labels)
     style.add_legend(ax)
     ax.autoscale_view()
     labeled: list[Any] = []
@@ -343,8 +336,8 @@ def _draw_front(figure: Figure, summary: Summary) -> None:
             )
 
 
-def _objectives(trials: Sequence[FrozenTrial]) -> tuple[list[float], list[float]]:
-    return [trial.values[0] for trial in trials], [trial.values[1] for trial in trials]
+def _values(trials: Sequence[FrozenTrial]) -> Float64[np.ndarray, "O T"]:
+    return np.array([trial.values for trial in trials]).T
 
 
 def _importances(study: optuna.Study, index: int) -> dict[str, float]:

@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
@@ -14,7 +13,7 @@ from jax.experimental.compilation_cache import compilation_cache
 from jaxslam.config.dotted import Scalar
 from jaxslam.study.interrupts import Interrupts
 from jaxslam.study.measure import TrialError, check_source, load, measure, program_of
-from jaxslam.study.objectives import Figures, values
+from jaxslam.study.objectives import OBJECTIVES, Figures
 from jaxslam.study.plan import Plan, Source
 from jaxslam.study.space import Parameter
 from jaxslam.study.storage import Store, failure, open_study
@@ -125,28 +124,26 @@ def evaluate(
     plan: Plan, sources: Sequence[Source], seeds: Sequence[int], settings: Sequence[dict[str, Scalar]]
 ) -> list[list[float] | str]:
     """Return the objectives of every configuration, averaged over sources, or the reason for a failure."""
-    by_source: list[list[Figures | TrialError]] = []
+    measured: list[list[Figures]] = [[] for _ in settings]
+    failures: dict[int, str] = {}
     for source in sources:
         # Settings that failed on one source are not run on the others.
-        left = [index for index in range(len(settings)) if not _failed(by_source, index)]
-        found: list[Figures | TrialError] = [TrialError("")] * len(settings)
-        for index, each in zip(left, measure(plan, source, seeds, [settings[i] for i in left]), strict=True):
-            found[index] = TrialError(f"{source.name}: {each}") if isinstance(each, TrialError) else each
-        by_source.append(found)
+        left = [index for index in range(len(settings)) if index not in failures]
+        for index, found in zip(left, measure(plan, source, seeds, [settings[i] for i in left]), strict=True):
+            if isinstance(found, TrialError):
+                failures[index] = f"{source.name}: {found}"
+            else:
+                measured[index].append(found)
     outcomes: list[list[float] | str] = []
-    for index in range(len(settings)):
-        failed = _failed(by_source, index)
-        if failed is not None:
-            outcomes.append(str(failed))
+    objectives = [OBJECTIVES[name] for name in plan.objectives]
+    for index, by_source in enumerate(measured):
+        if index in failures:
+            outcomes.append(failures[index])
             continue
-        numbers = values(plan.objectives, [figures[index] for figures in by_source])  # type: ignore[misc]
+        numbers = [float(np.mean([each.of(figures) for figures in by_source])) for each in objectives]
         finite = np.isfinite(numbers).all()
         outcomes.append(numbers if finite else f"{' and '.join(plan.objectives)} of {numbers} are not finite")
     return outcomes
-
-
-def _failed(by_source: Sequence[Sequence[Any]], index: int) -> TrialError | None:
-    return next((found[index] for found in by_source if isinstance(found[index], TrialError)), None)
 
 
 def check_hope(store: Store) -> None:

@@ -5,7 +5,7 @@ import difflib
 import itertools
 import math
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any
@@ -44,11 +44,12 @@ class Parameter:
     @property
     def chooses_a_part(self) -> bool:
         """Return whether other parameters may exist for some of its choices only."""
-        return self.name == METHOD or self.name.endswith("." + KIND)
+        return _chooses_a_part(self.name)
 
     def ends(self) -> tuple[Scalar, ...]:
         """Return all choices, or both ends of the interval."""
-        return self.choices or (self._number(self.low), self._number(self.high))
+        number = int if self.whole else float
+        return self.choices or (number(self.low), number(self.high))
 
     def suggest(self, trial: Any) -> Scalar:
         """Return the sampler's value for an Optuna trial."""
@@ -58,9 +59,6 @@ class Parameter:
             step = 1 if self.step is None else int(self.step)
             return trial.suggest_int(self.name, int(self.low), int(self.high), step=step, log=self.log)
         return trial.suggest_float(self.name, self.low, self.high, step=self.step, log=self.log)
-
-    def _number(self, value: float) -> Scalar:
-        return int(value) if self.whole else float(value)
 
     def __str__(self) -> str:
         if self.choices:
@@ -93,23 +91,22 @@ class Space:
                 "{ low = 0.02, high = 0.3, log = true }"
             )
         # The choice of a part determines which other names exist.
-        names = sorted(tables, key=lambda name: not (name == METHOD or name.endswith("." + KIND)))
-        kinds = {METHOD: next(iter(METHODS))}
+        names = sorted(tables, key=lambda name: not _chooses_a_part(name))
+        known: dict[str, Scalar] = {METHOD: next(iter(METHODS))}
+        before = known | flatten(base)
         parts = [
-            _parameter(name, tables[name], kinds | flatten(base))
+            _parameter(name, tables[name], before)
             for name in names
-            if name == METHOD or (name.endswith("." + KIND) and name in flatten(base))
+            if _chooses_a_part(name) and name in before
         ]
-        known: dict[str, Scalar] = dict(kinds)
         for choice in _combinations(parts):
-            known |= flatten(_chosen(base, choice))
+            known |= flatten(with_settings(base, choice))
         for name in names:
             if name not in known:
                 nearest = difflib.get_close_matches(name, list(known), n=1, cutoff=0.0)[0]
                 raise ValueError(f"space: no setting is called {name!r}: did you mean {nearest!r}?")
-        rest = [
-            _parameter(name, tables[name], known) for name in names if name not in {p.name for p in parts}
-        ]
+        chosen = {parameter.name for parameter in parts}
+        rest = [_parameter(name, tables[name], known) for name in names if name not in chosen]
         if METHOD in tables and "proposal.kind" in tables:
             raise ValueError("space: method chooses the proposal.kind: give one of the two")
         return cls((*parts, *rest))
@@ -121,7 +118,7 @@ class Space:
     def suggest(self, trial: Any, base: SlamConfig) -> dict[str, Scalar]:
         """Suggest a trial's settings: first the parts, then the settings of those parts."""
         settings = {parameter.name: parameter.suggest(trial) for parameter in self.parts()}
-        known = flatten(_chosen(base, settings))
+        known = flatten(with_settings(base, settings))
         for parameter in self.parameters:
             if not parameter.chooses_a_part and parameter.name in known:
                 settings[parameter.name] = parameter.suggest(trial)
@@ -132,7 +129,7 @@ class Space:
         if parameter.chooses_a_part:
             return {}
         choices = _combinations(self.parts())
-        return next(choice for choice in choices if parameter.name in flatten(_chosen(base, choice)))
+        return next(choice for choice in choices if parameter.name in flatten(with_settings(base, choice)))
 
     def with_steps(self, is_size: Callable[[Parameter], bool]) -> "Space":
         """Return the space with at most `VALUES_OF_A_SIZE` values for every linear size of a program."""
@@ -146,6 +143,18 @@ class Space:
             return dataclasses.replace(parameter, step=step, high=_last(parameter.low, parameter.high, step))
 
         return Space(tuple(limited(parameter) for parameter in self.parameters))
+
+
+def with_settings(configuration: SlamConfig, settings: Mapping[str, Scalar]) -> SlamConfig:
+    """Return a configuration with changed settings; `method` is one of them."""
+    rest = dict(settings)
+    if METHOD in rest:
+        configuration = configuration.with_method(str(rest.pop(METHOD)))
+    return update(configuration, rest, exact=True)
+
+
+def _chooses_a_part(name: str) -> bool:
+    return name == METHOD or name.endswith("." + KIND)
 
 
 def _parameter(name: str, table: Any, known: Mapping[str, Scalar]) -> Parameter:
@@ -202,13 +211,6 @@ def _exact(number: float) -> Decimal:
 
 
 def _combinations(parts: Sequence[Parameter]) -> Iterator[dict[str, Scalar]]:
-    names: Iterable[str] = [parameter.name for parameter in parts]
+    names = [parameter.name for parameter in parts]
     for values in itertools.product(*(parameter.choices for parameter in parts)):
         yield dict(zip(names, values, strict=True))
-
-
-def _chosen(base: SlamConfig, parts: Mapping[str, Scalar]) -> SlamConfig:
-    rest = dict(parts)
-    if METHOD in rest:
-        base = base.with_method(str(rest.pop(METHOD)))
-    return update(base, rest, exact=True)

@@ -2,7 +2,7 @@
 
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -135,16 +135,13 @@ def connect(url: str) -> RDBStorage:
         ValueError: the storage cannot be opened or written; one line.
     """
     # Workers wait for each other's writes.
-    arguments = {"timeout": 60} if url.startswith("sqlite") else {}
+    options = {"connect_args": {"timeout": 60} if url.startswith("sqlite") else {}}
     # ImportError: the driver is missing. RuntimeError: the tables are of another version of Optuna.
     with storage_errors(url, ImportError, RuntimeError), _known_warnings():
         for _ in range(_ATTEMPTS):
             try:
                 return RDBStorage(
-                    url,
-                    engine_kwargs={"connect_args": arguments},
-                    heartbeat_interval=HEARTBEAT,
-                    grace_period=GRACE,
+                    url, engine_kwargs=options, heartbeat_interval=HEARTBEAT, grace_period=GRACE
                 )
             except sqlalchemy.exc.DBAPIError as error:
                 # Another process has created the same table between the check and the creation.
@@ -175,7 +172,7 @@ def open_study(plan: Plan, url: str) -> Store:
     with storage_errors(url):
         study = optuna.create_study(
             storage=storage,
-            sampler=_ByNumber(lambda number: _sampler(plan, number)),
+            sampler=_ByNumber(plan),
             study_name=plan.name,
             directions=["minimize"] * len(plan.objectives),
             load_if_exists=True,
@@ -246,13 +243,13 @@ class _ByNumber(BaseSampler):
     Otherwise sessions that continue or share a study would draw the same random numbers and repeat trials.
     """
 
-    def __init__(self, make: Callable[[int], BaseSampler]):
-        self._make = make
+    def __init__(self, plan: Plan):
+        self._plan = plan
         self._made: dict[int, BaseSampler] = {}
 
     def _of(self, trial: FrozenTrial) -> BaseSampler:
         if trial.number not in self._made:
-            self._made[trial.number] = self._make(trial.number)
+            self._made[trial.number] = _sampler(self._plan, trial.number)
         return self._made[trial.number]
 
     def before_trial(self, study: optuna.Study, trial: FrozenTrial) -> None:
@@ -269,11 +266,7 @@ class _ByNumber(BaseSampler):
         return self._of(trial).sample_relative(study, trial, search_space)
 
     def sample_independent(
-        self,
-        study: optuna.Study,
-        trial: FrozenTrial,
-        param_name: str,
-        param_distribution: BaseDistribution,
+        self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution
     ) -> Any:
         return self._of(trial).sample_independent(study, trial, param_name, param_distribution)
 

@@ -37,11 +37,9 @@ def check_cluster(cluster: str, url: str) -> None:
     Raises:
         ValueError: the number of workers is invalid, or workers on other machines would need a SQLite file.
     """
-    if (
-        _local_workers(cluster) is None
-        and url.startswith("sqlite")
-        and _host(cluster) not in ("localhost", "127.0.0.1", "::1")
-    ):
+    host = urlparse(cluster if "://" in cluster else f"tcp://{cluster}").hostname
+    is_elsewhere = _local_workers(cluster) is None and host not in ("localhost", "127.0.0.1", "::1")
+    if is_elsewhere and url.startswith("sqlite"):
         raise ValueError(
             f"{redact_url(url)} is a file of this machine, which the workers of {cluster} cannot share: give "
             "--storage a database on the network, such as postgresql://user@host/studies"
@@ -82,10 +80,11 @@ def _spread(
     client: Client, plan: Plan, url: str, left: int, programs: Path, interrupts: Interrupts
 ) -> Iterator[TrialResult]:
     """Run `left` trials in batches, and yield the results as they finish."""
-    counts = [min(plan.batch, left - first) for first in range(0, left, plan.batch)]
     futures = [
-        client.submit(_one_batch, plan, url, count, str(programs), pure=False, retries=RETRIES)
-        for count in counts
+        client.submit(
+            _one_batch, plan, url, min(plan.batch, left - first), programs, pure=False, retries=RETRIES
+        )
+        for first in range(0, left, plan.batch)
     ]
     try:
         completed = as_completed(futures)
@@ -97,9 +96,9 @@ def _spread(
         client.cancel(futures)
 
 
-def _one_batch(plan: Plan, url: str, count: int, programs: str) -> list[TrialResult]:
+def _one_batch(plan: Plan, url: str, count: int, programs: Path) -> list[TrialResult]:
     with _ONE_AT_A_TIME:
-        keep_programs(Path(programs))
+        keep_programs(programs)
         store = open_study(plan, url)
         # Another session may continue the same study.
         count = min(count, plan.trials - len(store.finished()))
@@ -149,10 +148,6 @@ def keep_to(share: set[int]) -> None:
     for thread in Path("/proc/self/task").glob("*"):
         with suppress(ProcessLookupError):
             os.sched_setaffinity(int(thread.name), share)
-
-
-def _host(cluster: str) -> str | None:
-    return urlparse(cluster if "://" in cluster else f"tcp://{cluster}").hostname
 
 
 def _local_workers(cluster: str) -> int | None:

@@ -1,16 +1,8 @@
 """Draw maps, paths, particles, curves and animations; needs matplotlib and pillow."""
 
 from jaxslam.viz.animation import InlineAnimation, MapFrame, animate_inline, animate_map
-from jaxslam.viz.curves import plot_errors, plot_ess, plot_num_particles
-from jaxslam.viz.maps import (
-    MapImage,
-    plot_covariance,
-    plot_map,
-    plot_particles,
-    plot_scan,
-    plot_trajectory,
-    plot_walls,
-)
+from jaxslam.viz.curves import plot_errors, plot_ess
+from jaxslam.viz.maps import plot_map, plot_particles, plot_scan, plot_trajectory, plot_walls
 from jaxslam.viz.picture import MapLayer, save_map_picture
 from jaxslam.viz.raster import map_levels, shrink
 from jaxslam.viz.results import plot_run
@@ -18,16 +10,13 @@ from jaxslam.viz.results import plot_run
 __all__ = [
     "InlineAnimation",
     "MapFrame",
-    "MapImage",
     "MapLayer",
     "animate_inline",
     "animate_map",
     "map_levels",
-    "plot_covariance",
     "plot_errors",
     "plot_ess",
     "plot_map",
-    "plot_num_particles",
     "plot_particles",
     "plot_run",
     "plot_scan",

@@ -4,11 +4,10 @@ Pillow draws the frames as palette images. This takes a few milliseconds per fra
 tenths of a second, and the flat colors compress well.
 """
 
-import base64
 import io
 import math
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import matplotlib
@@ -18,12 +17,16 @@ from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from jaxslam.grid.box import Box, known_box
 from jaxslam.viz import style
-from jaxslam.viz.maps import checked_resolution
+from jaxslam.viz.maps import Poses, checked_resolution
+from jaxslam.viz.notebook import image_html
 from jaxslam.viz.raster import gray_ramp, map_levels, shrink
 
 _NUM_GRAYS = 24
+_ENTRY_OF_LEVEL = np.round(gray_ramp() / 255 * (_NUM_GRAYS - 1)).astype(np.uint8)
+"""Entry of each level in the palette, which begins with the evenly spaced grays."""
 _WHITE, _INK, _PATH, _PARTICLE = range(_NUM_GRAYS, _NUM_GRAYS + 4)
 _FOOTER = 26  # pixels under the map for the scale bar and the caption
+_LAST_FRAME_MS = 2000
 
 
 @dataclass(frozen=True)
@@ -39,8 +42,8 @@ class MapFrame:
     """
 
     occupancy: Shaped[np.ndarray | Array, "*shape"]
-    poses: Float[np.ndarray | Array, "_ 3"]
-    particles: Float[np.ndarray | Array, "_ 3"]
+    poses: Poses
+    particles: Poses
     caption: str = ""
 
 
@@ -60,38 +63,46 @@ class InlineAnimation:
         return f"InlineAnimation({self.num_frames} frames, {len(self.gif) / 1e3:.0f} kB)"
 
     def _repr_html_(self) -> str:
-        source = base64.b64encode(self.gif).decode("ascii")
-        return f'<img src="data:image/gif;base64,{source}" alt="animation of {self.num_frames} frames">'
+        return image_html(self.gif, "gif", f"animation of {self.num_frames} frames")
 
 
 def animate_map(
-    path: str | Path,
+    path: str | Path | io.BytesIO,
     frames: Iterable[MapFrame],
     resolution: float | Float[np.ndarray | Array, ""],
     origin: Float[np.ndarray | Array, "2"],
     *,
     max_side: int = 560,
     frame_s: float = 0.08,
-    hold_s: float = 2.0,
-) -> None:
-    """Write an animated GIF. Pillow merges identical consecutive frames into one longer frame.
+) -> int:
+    """Write an animated GIF, whose last frame stays for 2 s, and return the number of frames.
+
+    Pillow merges identical consecutive frames into one longer frame.
 
     Args:
-        path: file to write, ending in .gif.
+        path: file to write, ending in .gif, or a stream of bytes.
         frames: frames, read one at a time. Only the known part of each map is kept, one byte per cell.
         resolution: side of a cell, meters.
         origin: `[2]` world position of the lower-left corner of cell (0, 0), meters.
         max_side: longer side of the map in the picture, pixels.
         frame_s: duration of each frame, seconds, in multiples of 0.01.
-        hold_s: duration of the last frame, seconds.
 
     Raises:
         ValueError: there are no frames, their maps differ in size, or a value cannot be drawn.
         OSError: the file cannot be written.
     """
-    if Path(path).suffix.lower() != ".gif":
+    if isinstance(path, str | Path) and Path(path).suffix.lower() != ".gif":
         raise ValueError(f"{path} does not end in .gif: animations are written as GIF")
-    _write(Path(path), frames, resolution, origin, max_side, frame_s, hold_s)
+    side = checked_resolution(resolution)
+    kept = list(_keep(frames))
+    if not kept:
+        raise ValueError("there are no frames: give at least one MapFrame")
+    canvas = _Canvas.fitting([box for box, _ in kept], side, np.asarray(origin, float), max_side)
+    durations = [round(1000 * frame_s)] * (len(kept) - 1) + [_LAST_FRAME_MS]
+    images = (canvas.draw(box, frame) for box, frame in kept)
+    first = next(images)
+    first.save(path, format="GIF", save_all=True, append_images=images, duration=durations, loop=0)
+    return len(kept)
 
 
 def animate_inline(
@@ -101,7 +112,6 @@ def animate_inline(
     *,
     max_side: int = 560,
     frame_s: float = 0.08,
-    hold_s: float = 2.0,
 ) -> InlineAnimation:
     """Return an animation for a notebook, without a file. The arguments are those of `animate_map`.
 
@@ -109,42 +119,8 @@ def animate_inline(
         ValueError: there are no frames, their maps differ in size, or a value cannot be drawn.
     """
     stream = io.BytesIO()
-    num_frames = _write(stream, frames, resolution, origin, max_side, frame_s, hold_s)
+    num_frames = animate_map(stream, frames, resolution, origin, max_side=max_side, frame_s=frame_s)
     return InlineAnimation(stream.getvalue(), num_frames)
-
-
-def _write(
-    target: Path | io.BytesIO,
-    frames: Iterable[MapFrame],
-    resolution: float | Float[np.ndarray | Array, ""],
-    origin: Float[np.ndarray | Array, "2"],
-    max_side: int,
-    frame_s: float,
-    hold_s: float,
-) -> int:
-    """Write the GIF, and return the number of frames."""
-    side = checked_resolution(resolution)
-    kept = list(_keep(frames))
-    if not kept:
-        raise ValueError("there are no frames: give at least one MapFrame")
-    box = _union([frame.box for frame in kept])
-    canvas = _Canvas.fitting(box, side, np.asarray(origin, float), max_side)
-    durations = [round(1000 * frame_s)] * (len(kept) - 1) + [round(1000 * hold_s)]
-    images = (canvas.draw(frame) for frame in kept)
-    first = next(images)
-    first.save(target, format="GIF", save_all=True, append_images=images, duration=durations, loop=0)
-    return len(kept)
-
-
-@dataclass(frozen=True)
-class _KeptFrame:
-    """A frame reduced to its known cells."""
-
-    box: Box
-    levels: UInt8[np.ndarray, "h w"]
-    poses: Float[np.ndarray, "_ 3"]
-    particles: Float[np.ndarray, "_ 3"]
-    caption: str
 
 
 @dataclass(frozen=True)
@@ -159,7 +135,16 @@ class _Canvas:
     pixels_per_m: float
 
     @classmethod
-    def fitting(cls, box: Box, resolution: float, origin: Float[np.ndarray, "2"], max_side: int) -> "_Canvas":
+    def fitting(
+        cls, boxes: Sequence[Box], resolution: float, origin: Float[np.ndarray, "2"], max_side: int
+    ) -> "_Canvas":
+        """Return the canvas on which the longer side of all boxes together has `max_side` pixels."""
+        box = Box(
+            row=min(box.row for box in boxes),
+            row_end=max(box.row_end for box in boxes),
+            column=min(box.column for box in boxes),
+            column_end=max(box.column_end for box in boxes),
+        )
         rows, columns = box.row_end - box.row, box.column_end - box.column
         scale = max_side / max(rows, columns)
         # Enlarge cells by whole numbers only, because uneven cells look like errors of the map.
@@ -168,16 +153,16 @@ class _Canvas:
         width, height = max(round(columns * scale), 1), max(round(rows * scale), 1)
         return cls(box, width, height, left, top, scale / resolution)
 
-    def draw(self, frame: _KeptFrame) -> Image.Image:
-        cells = np.zeros((self.box.row_end - self.box.row, self.box.column_end - self.box.column))
-        cells = cells.astype(np.uint8)
-        row, column = frame.box.row - self.box.row, frame.box.column - self.box.column
-        height, width = frame.levels.shape
-        cells[row : row + height, column : column + width] = frame.levels
+    def draw(self, box: Box, frame: MapFrame) -> Image.Image:
+        """Draw a frame whose map is cut to its box."""
+        shape = (self.box.row_end - self.box.row, self.box.column_end - self.box.column)
+        cells = np.zeros(shape, np.uint8)
+        row, column = box.row - self.box.row, box.column - self.box.column
+        height, width = frame.occupancy.shape
+        cells[row : row + height, column : column + width] = frame.occupancy
         # The rows of a map run upwards, the rows of an image downwards.
-        pixels = _gray_index()[_resize(cells, self.height, self.width)[::-1]]
-        footer = np.full((_FOOTER, self.width), _WHITE, np.uint8)
-        pixels = np.concatenate([pixels, footer])
+        pixels = _ENTRY_OF_LEVEL[_resize(cells, self.height, self.width)[::-1]]
+        pixels = np.pad(pixels, [(0, _FOOTER), (0, 0)], constant_values=_WHITE)
         image = Image.frombytes("P", (self.width, self.height + _FOOTER), pixels.tobytes())
         image.putpalette(_palette())
         pen = ImageDraw.Draw(image)
@@ -185,7 +170,7 @@ class _Canvas:
         self._draw_footer(pen, frame.caption)
         return image
 
-    def _draw_poses(self, pen: ImageDraw.ImageDraw, frame: _KeptFrame) -> None:
+    def _draw_poses(self, pen: ImageDraw.ImageDraw, frame: MapFrame) -> None:
         path = self._pixels(frame.poses)
         if len(path) > 1:
             pen.line([tuple(point) for point in path], fill=_PATH, width=2, joint="curve")
@@ -202,18 +187,19 @@ class _Canvas:
         length = _round_length(0.25 * self.width / self.pixels_per_m)
         baseline, right = self.height + 17, 8 + length * self.pixels_per_m
         pen.line([(8, baseline), (right, baseline)], fill=_INK, width=2)
-        font = ImageFont.truetype(_font_path(), 12)
+        # matplotlib includes this font, so the picture is the same on every machine.
+        font = ImageFont.truetype(Path(matplotlib.get_data_path()) / "fonts/ttf/DejaVuSans.ttf", 12)
         middle = self.height + _FOOTER / 2
         pen.text((right + 6, middle), f"{length:g} m", fill=_INK, font=font, anchor="lm")
         pen.text((self.width - 8, middle), caption, fill=_INK, font=font, anchor="rm")
 
-    def _pixels(self, poses: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
-        x = (poses[:, 0] - self.left) * self.pixels_per_m
-        y = (self.top - poses[:, 1]) * self.pixels_per_m
-        return np.stack([x, y], axis=1)
+    def _pixels(self, poses: Poses) -> Float[np.ndarray, "_ 2"]:
+        x, y = np.asarray(poses)[:, :2].T
+        return self.pixels_per_m * np.stack([x - self.left, self.top - y], axis=1)
 
 
-def _keep(frames: Iterable[MapFrame]) -> Iterator[_KeptFrame]:
+def _keep(frames: Iterable[MapFrame]) -> Iterator[tuple[Box, MapFrame]]:
+    """Yield the known part of each frame's map, as levels, without poses that are not finite."""
     shape = None
     for index, frame in enumerate(frames):
         levels = map_levels(frame.occupancy)
@@ -224,23 +210,20 @@ def _keep(frames: Iterable[MapFrame]) -> Iterator[_KeptFrame]:
                 "maps on the same cells"
             )
         box = known_box(levels, margin=2)
-        poses, particles = np.asarray(frame.poses, float), np.asarray(frame.particles, float)
-        yield _KeptFrame(
-            box=box,
-            levels=box.cut(levels).copy(),
-            poses=poses[np.isfinite(poses).all(axis=1)],
-            particles=particles[np.isfinite(particles).all(axis=1)],
-            caption=frame.caption,
+        yield (
+            box,
+            replace(
+                frame,
+                occupancy=box.cut(levels).copy(),
+                poses=_finite(frame.poses),
+                particles=_finite(frame.particles),
+            ),
         )
 
 
-def _union(boxes: list[Box]) -> Box:
-    return Box(
-        row=min(box.row for box in boxes),
-        row_end=max(box.row_end for box in boxes),
-        column=min(box.column for box in boxes),
-        column_end=max(box.column_end for box in boxes),
-    )
+def _finite(poses: Poses) -> Poses:
+    array = np.asarray(poses, float)
+    return array[np.isfinite(array).all(axis=1)]
 
 
 def _resize(cells: UInt8[np.ndarray, "h w"], height: int, width: int) -> UInt8[np.ndarray, "H W"]:
@@ -248,11 +231,6 @@ def _resize(cells: UInt8[np.ndarray, "h w"], height: int, width: int) -> UInt8[n
         return shrink(cells, height, width)
     scale = height // cells.shape[0]
     return cells.repeat(scale, axis=0).repeat(scale, axis=1)
-
-
-def _gray_index() -> UInt8[np.ndarray, "256"]:
-    """Return the palette entry of each level; the grays are evenly spaced."""
-    return np.round(gray_ramp() / 255 * (_NUM_GRAYS - 1)).astype(np.uint8)
 
 
 def _palette() -> list[int]:
@@ -267,8 +245,3 @@ def _round_length(target: float) -> float:
     """Return the largest of 1, 2, 5 × 10^k that is at most `target`."""
     decade = 10.0 ** math.floor(math.log10(target))
     return max(step * decade for step in (1, 2, 5) if step * decade <= target * (1 + 1e-9))
-
-
-def _font_path() -> str:
-    # matplotlib includes this font, so the picture is the same on every machine.
-    return str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf")

@@ -8,7 +8,6 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Float32, Float64
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from jaxslam.core import se2
@@ -60,7 +59,6 @@ def plot_localization(
 def save_localization_curves(path: Path, result: LocalizationResult) -> None:
     """Write a picture of the number of particles, their spread and the inlier ratio over time."""
     figure = Figure(figsize=(8.0, 6.0), layout="constrained")
-    FigureCanvasAgg(figure)
     counts, spread, match = figure.subplots(3, 1, sharex=True)
     seconds = result.stamps - result.stamps[0]
     counts.semilogy(seconds, result.infos.num_particles, color="tab:blue")

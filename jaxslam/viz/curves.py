@@ -1,9 +1,9 @@
-"""Draw curves over time: errors, the effective sample size, the number of particles."""
+"""Draw curves over time: errors and the effective sample size."""
 
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 from matplotlib.axes import Axes
 
 from jaxslam.viz import style
@@ -43,7 +43,8 @@ def plot_errors(
         raise ValueError(f"quantity is {quantity!r}: give 'position' or 'heading'")
     if values.ndim not in (1, 2) or values.shape[-1] != len(times):
         raise ValueError(f"errors have shape {values.shape} for {len(times)} stamps: give [M] or [seeds, M]")
-    mean, deviation = _over_seeds(np.atleast_2d(values))
+    seeds = np.ma.masked_invalid(np.atleast_2d(values))
+    mean, deviation = seeds.mean(axis=0).filled(np.nan), seeds.std(axis=0).filled(np.nan)
     edges = None
     if band is not None:
         given = np.asarray(band, float)
@@ -59,8 +60,7 @@ def plot_errors(
         # A distance is never negative, but its mean minus its standard deviation can be.
         low = np.maximum(low, 0.0) if (values[np.isfinite(values)] >= 0).all() else low
         ax.fill_between(times, low, high, color=color, alpha=0.2, linewidth=0)
-    y_label = "position error (m)" if quantity == "position" else "heading error (°)"
-    style.curve_axes(ax, "time (s)", y_label)
+    style.curve_axes(ax, "time (s)", "position error (m)" if quantity == "position" else "heading error (°)")
     style.add_legend(ax)
     return ax
 
@@ -114,55 +114,3 @@ def plot_ess(
     style.curve_axes(ax, "step", f"effective sample size (of {num_particles})")
     style.add_legend(ax)
     return ax
-
-
-def plot_num_particles(
-    stamps: Float[np.ndarray | Array, "_"],
-    num_particles: Int[np.ndarray | Array, "_"],
-    agreed: Bool[np.ndarray | Array, "_"] | None = None,
-    ax: Axes | None = None,
-) -> Axes:
-    """Draw the number of particles of a localization over time, gray where the particles do not agree.
-
-    Args:
-        stamps: `[T]` seconds.
-        num_particles: `[T]` numbers of active particles, at least 1.
-        agreed: `[T]` steps at which the particles agree on a pose; None draws no gray areas.
-        ax: axes to draw on; None for pyplot's current ones.
-
-    Raises:
-        ValueError: the lengths differ.
-    """
-    ax = style.axes_or_current(ax)
-    times, counts = np.asarray(stamps, float), np.asarray(num_particles)
-    if times.shape != counts.shape:
-        raise ValueError(f"{len(counts)} counts for {len(times)} stamps: give one each")
-    ax.semilogy(times, counts, color=style.ESTIMATE, linewidth=1.3, label="particles")
-    if agreed is not None:
-        apart = ~np.asarray(agreed, bool)
-        if apart.shape != times.shape:
-            raise ValueError(f"{len(apart)} agreements for {len(times)} stamps: give one each")
-        ax.fill_between(
-            times,
-            0,
-            1,
-            where=apart.tolist(),
-            transform=ax.get_xaxis_transform(),
-            color="0.9",
-            linewidth=0,
-            label="particles do not agree",
-        )
-    style.curve_axes(ax, "time (s)", "particles")
-    style.add_legend(ax)
-    return ax
-
-
-def _over_seeds(
-    values: Float[np.ndarray, "S M"],
-) -> tuple[Float[np.ndarray, "M"], Float[np.ndarray, "M"]]:
-    """Return mean and standard deviation over the finite seeds; NaN where no seed is finite."""
-    finite = np.isfinite(values)
-    count = np.where(finite.any(axis=0), finite.sum(axis=0), np.nan)
-    mean = np.where(finite, values, 0.0).sum(axis=0) / count
-    squares = np.where(finite, (values - mean) ** 2, 0.0).sum(axis=0)
-    return mean, np.sqrt(squares / count)

@@ -7,7 +7,6 @@ from jaxtyping import Array, Float, Shaped, UInt8
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.image import AxesImage
-from matplotlib.patches import Ellipse
 
 from jaxslam.core import se2
 from jaxslam.core.types import LidarScan
@@ -109,10 +108,11 @@ def plot_trajectory(
     """
     ax = style.axes_or_current(ax)
     path = np.asarray(poses, float)
-    finite = path[np.isfinite(path).all(axis=1)]
+    is_finite = np.isfinite(path).all(axis=1)
+    finite = path[is_finite]
     if len(finite) == 0:
         raise ValueError(f"none of the {len(path)} poses is finite: there is no path to draw")
-    gapped = np.where(np.isfinite(path).all(axis=1)[:, None], path, np.nan)
+    gapped = np.where(is_finite[:, None], path, np.nan)
     ax.plot(gapped[:, 0], gapped[:, 1], linestyle, color=color, linewidth=1.2, label=label)
     known = ax.get_legend_handles_labels()[1]
     for pose, marker, name in ((finite[0], "o", "start"), (finite[-1], "s", "end")):
@@ -241,59 +241,6 @@ def plot_scan(
     x, y = lidar[0] + ranges * np.cos(bearing), lidar[1] + ranges * np.sin(bearing)
     ax.scatter(x, y, s=4, color=color, linewidths=0, label=label, zorder=2.5)
     ax.plot(lidar[0], lidar[1], "+", color=color, markersize=7)
-    style.meter_axes(ax)
-    return ax
-
-
-def plot_covariance(
-    mean: Float[np.ndarray | Array, "*batch dims"],
-    covariance: Float[np.ndarray | Array, "*batch dims dims"],
-    ax: Axes | None = None,
-    *,
-    num_sigmas: float = 3.0,
-    color: str = style.ESTIMATE,
-    label: str | None = None,
-) -> Axes:
-    """Draw position uncertainty as ellipses.
-
-    Args:
-        mean: `[2]` or `[3]`, or a batch `[M, ...]`, with x and y in meters first.
-        covariance: `[2, 2]` or `[3, 3]`, or a batch; the block of x and y in m² is drawn.
-        ax: axes to draw on; None for pyplot's current ones.
-        num_sigmas: half axes in standard deviations. 3 contains 98.9 % of a planar Gaussian.
-        color: color of the outlines.
-        label: name in a legend; None for the number of sigmas.
-
-    Raises:
-        ValueError: a value is not finite, or a covariance has a negative eigenvalue.
-    """
-    ax = style.axes_or_current(ax)
-    means = np.asarray(mean, float)[..., :2].reshape(-1, 2)
-    blocks = np.asarray(covariance, float)[..., :2, :2].reshape(-1, 2, 2)
-    if not (np.isfinite(means).all() and np.isfinite(blocks).all()):
-        raise ValueError("mean or covariance is not finite: leave such steps out")
-    variances, directions = np.linalg.eigh(blocks)
-    # Rounding can make the variance along a degenerate direction slightly negative.
-    if (variances[:, 0] < -1e-6 * np.abs(variances[:, 1]) - 1e-12).any():
-        raise ValueError(f"covariance has the eigenvalue {variances.min():g} m²: it must be >= 0")
-    diameters = 2 * num_sigmas * np.sqrt(np.maximum(variances, 0.0))
-    angles = np.rad2deg(np.arctan2(directions[:, 1, 1], directions[:, 0, 1]))
-    name = f"{num_sigmas:g} σ" if label is None else label
-    for center, (minor, major), angle in zip(means, diameters, angles, strict=True):
-        ax.add_patch(
-            Ellipse(
-                (center[0], center[1]),
-                major,
-                minor,
-                angle=angle,
-                fill=False,
-                edgecolor=color,
-                linewidth=0.9,
-                label=name,
-            )
-        )
-        name = "_nolegend_"
-    ax.autoscale_view()
     style.meter_axes(ax)
     return ax
 

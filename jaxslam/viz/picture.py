@@ -6,15 +6,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Array, Float, Shaped
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from jaxslam.grid.box import known_box
 from jaxslam.viz import style
-from jaxslam.viz.maps import Poses, checked_resolution, plot_map, plot_particles, plot_trajectory
-from jaxslam.viz.raster import map_levels
-
-_MARGIN_M = 0.5
+from jaxslam.viz.maps import Poses, plot_map, plot_particles, plot_trajectory
 
 
 @dataclass(frozen=True)
@@ -44,8 +39,6 @@ def save_map_picture(
     particles: Poses | None = None,
     weights: Float[np.ndarray | Array, "_"] | None = None,
     truth: MapLayer | None = None,
-    title: str = "estimate",
-    dpi: int = 200,
 ) -> None:
     """Write the picture of a map, in the format of the path's suffix (png, pdf, svg, …).
 
@@ -59,8 +52,6 @@ def save_map_picture(
         weights: `[N]` particle weights, or None for equal weights.
         truth: true map and path in the same frame. They are drawn in a second panel of the same extent, and
             the path also over the estimate.
-        title: title of the left panel.
-        dpi: pixels per inch. A panel is about 5 inches wide.
 
     Raises:
         ValueError: an array cannot be drawn, or the format is unknown.
@@ -68,19 +59,20 @@ def save_map_picture(
     """
     estimate = MapLayer(occupancy, resolution, origin, poses)
     layers = [estimate] if truth is None else [estimate, truth]
-    extent = _common_extent(layers)
-    figure = Figure(figsize=_figure_size(extent, len(layers)), layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(1, len(layers), squeeze=False, sharex=True, sharey=True)[0]
-    for panel, layer, name in zip(panels, layers, (title, "truth"), strict=False):
-        plot_map(layer.occupancy, layer.resolution, layer.origin, panel, margin_m=_MARGIN_M)
-        _decorate(panel, name, extent)
+    figure = Figure(layout="constrained")
+    panels = list(figure.subplots(1, len(layers), squeeze=False, sharex=True, sharey=True)[0])
+    for panel, layer, name in zip(panels, layers, ("estimate", "truth"), strict=False):
+        plot_map(layer.occupancy, layer.resolution, layer.origin, panel)
+        panel.set_title(name, fontsize="medium")
+    _fit_to_maps(figure, panels)
     if poses is not None:
-        _draw_path(panels[0], poses, "estimated path", style.ESTIMATE, "-")
+        plot_trajectory(poses, panels[0], label="estimated path", legend=False)
     if truth is not None and truth.poses is not None:
         # Dashes over the solid line keep both visible where they coincide.
         for panel in panels:
-            _draw_path(panel, truth.poses, "true path", style.REFERENCE, "--")
+            plot_trajectory(
+                truth.poses, panel, label="true path", color=style.REFERENCE, linestyle="--", legend=False
+            )
     if particles is not None:
         plot_particles(particles, weights, panels[0])
     for panel in panels[1:]:
@@ -95,33 +87,16 @@ def save_map_picture(
             frameon=False,
             fontsize="small",
         )
-    figure.savefig(path, dpi=dpi)
+    figure.savefig(path, dpi=200)
 
 
-def _draw_path(ax: Axes, poses: Poses, label: str, color: str, linestyle: str) -> None:
-    plot_trajectory(poses, ax, label=label, color=color, linestyle=linestyle, legend=False)
-
-
-def _common_extent(layers: list[MapLayer]) -> tuple[float, float, float, float]:
-    """Return left, right, bottom and top of the known parts of all layers, meters."""
-    extents = []
-    for layer in layers:
-        side = checked_resolution(layer.resolution)
-        box = known_box(map_levels(layer.occupancy), margin=round(_MARGIN_M / side))
-        extents.append(box.extent(side, np.asarray(layer.origin, float)))
-    left, right, bottom, top = np.array(extents).T
-    return float(left.min()), float(right.max()), float(bottom.min()), float(top.max())
-
-
-def _figure_size(extent: tuple[float, float, float, float], num_panels: int) -> tuple[float, float]:
-    """Return width and height in inches that fit the extent into each panel, plus labels and legend."""
-    left, right, bottom, top = extent
+def _fit_to_maps(figure: Figure, panels: list[Axes]) -> None:
+    """Show the known parts of all maps in each panel, and size the figure for them, labels and legend."""
+    lefts, rights, bottoms, tops = zip(*(panel.images[0].get_extent() for panel in panels), strict=True)
+    left, right, bottom, top = min(lefts), max(rights), min(bottoms), max(tops)
+    # All panels share these limits.
+    panels[0].set(xlim=(left, right), ylim=(bottom, top))
     aspect = (top - bottom) / (right - left)
     width = 5.2 if aspect <= 1.5 else 5.2 * 1.5 / aspect
-    return num_panels * (max(width, 2.2) + 0.5), float(np.clip(width * aspect, 1.2, 7.8)) + 1.1
-
-
-def _decorate(ax: Axes, title: str, extent: tuple[float, float, float, float]) -> None:
-    ax.set_title(title, fontsize="medium")
-    ax.set_xlim(extent[0], extent[1])
-    ax.set_ylim(extent[2], extent[3])
+    height = float(np.clip(width * aspect, 1.2, 7.8))
+    figure.set_size_inches(len(panels) * (max(width, 2.2) + 0.5), height + 1.1)

@@ -7,7 +7,7 @@ cell, and skipping cells would drop them. Each pixel therefore shows the *most o
 import numpy as np
 from jaxtyping import Array, Shaped, UInt8
 
-from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT
+from jaxslam.pipeline.run import occupancy_probability
 
 UNKNOWN_GRAY = 208
 """Gray value of unknown cells and of known cells with probability 0.5; free cells are 255."""
@@ -30,7 +30,10 @@ def map_levels(occupancy: Shaped[np.ndarray | Array, "*shape"]) -> UInt8[np.ndar
     if cells.dtype == np.uint8:
         return cells
     if cells.dtype == np.int8:
-        return _log_odds_levels()[cells.view(np.uint8)]
+        # Look the values up by their bits: a map has many cells, but only 256 values.
+        every = np.arange(256, dtype=np.uint8).view(np.int8)
+        table = map_levels(occupancy_probability(every[None]))[0]
+        return table[cells.view(np.uint8)]
     if not np.issubdtype(cells.dtype, np.floating):
         raise ValueError(
             f"the map has type {cells.dtype}: give probabilities (float), log-odds (int8) or levels (uint8)"
@@ -42,7 +45,7 @@ def map_levels(occupancy: Shaped[np.ndarray | Array, "*shape"]) -> UInt8[np.ndar
             f"the map's values run from {probability.min():g} to {probability.max():g}: give "
             "probabilities in [0, 1], or log-odds as int8"
         )
-    return np.where(known, _level(probability), 0).astype(np.uint8)
+    return np.where(known, 1 + np.round(254 * probability), 0).astype(np.uint8)
 
 
 def shrink(levels: UInt8[np.ndarray, "_ _"], height: int, width: int) -> UInt8[np.ndarray, "_ _"]:
@@ -60,15 +63,3 @@ def gray_ramp() -> UInt8[np.ndarray, "256"]:
     ramp = np.interp(np.arange(256), [1, 128, 255], [255, UNKNOWN_GRAY, 0])
     ramp[0] = UNKNOWN_GRAY
     return ramp.astype(np.uint8)
-
-
-def _level(probability: Shaped[np.ndarray, "*shape"]) -> UInt8[np.ndarray, "*shape"]:
-    return (1 + np.round(254 * probability)).astype(np.uint8)
-
-
-def _log_odds_levels() -> UInt8[np.ndarray, "256"]:
-    """Return the level of each int8 value, indexed by its bits."""
-    log_odds = np.arange(256, dtype=np.uint8).view(np.int8) * LOG_ODDS_PER_UNIT
-    levels = _level(1 / (1 + np.exp(-log_odds)))
-    levels[0] = 0
-    return levels

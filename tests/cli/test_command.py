@@ -13,25 +13,18 @@ import jax
 import numpy as np
 import pytest
 
-from jaxslam.cli.main import main
+from jaxslam.cli.main import COMMANDS, main
 from jaxslam.core.trajectory import interpolate_poses
 from jaxslam.io import read_log, read_map, read_tum, write_tum
 from jaxslam.report import default_folder, file_sha256
+from jaxslam.report.folder import write_json
 from jaxslam.sim import hall_small, lds_01, simulate, to_log
-
-METRICS = {
-    "scans_in",
-    "scans_processed",
-    "compile_s",
-    "run_s",
-    "ms_per_scan",
-    "peak_rss_mb",
-    "resamplings",
-    "ess_mean",
-}
+from tests.builders import carmen_log, forward_half
+from tests.checks import error_line, strict_json
 
 
-def carmen_lines() -> list[str]:
+@pytest.fixture(scope="session")
+def log_file(tmp_path_factory):
     """12 s of a drive past machines with a 181-beam lidar of 3.5 m, as CARMEN messages."""
     world, waypoints = hall_small()
     log = to_log(
@@ -39,23 +32,10 @@ def carmen_lines() -> list[str]:
     )
     assert log.scans is not None
     assert log.odometry is not None
-    lines = []
     poses = interpolate_poses(log.odometry.stamps, log.odometry.poses, log.scans.stamps)
-    for stamp, ranges, pose in zip(log.scans.stamps, log.scans.ranges, poses, strict=True):
-        # The forward half circle of the full one.
-        half = np.concatenate([ranges[270:], ranges[:91]])
-        beams = " ".join(f"{reading:.3f}" for reading in np.where(np.isfinite(half), half, 9.0))
-        x, y, theta = pose
-        place = f"{x:.4f} {y:.4f} {theta:.5f}"
-        lines.append(f"FLASER {len(half)} {beams} {place} {place} {stamp:.4f} host {stamp:.4f}")
-    return lines
-
-
-@pytest.fixture(scope="session")
-def log_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("log") / "hall.clf.gz"
-    with gzip.open(path, "wt", encoding="ascii") as stream:
-        stream.write("PARAM robot_frontlaser_offset 0.0\n" + "\n".join(carmen_lines()) + "\n")
+    text = carmen_log(log.scans.stamps, forward_half(log.scans.ranges), poses)
+    path.write_bytes(gzip.compress(text.encode()))
     return path
 
 
@@ -97,11 +77,11 @@ def test_run_folder_is_complete(run_folder):
 
 
 def test_metrics_have_exactly_their_keys(run_folder):
-    def refuse(name):
-        raise AssertionError(f"{name} is not JSON")
-
-    metrics = json.loads((run_folder / "metrics.json").read_text(), parse_constant=refuse)
-    assert set(metrics) == METRICS | {"relations", "ate"}
+    metrics = strict_json(run_folder / "metrics.json")
+    assert set(metrics) == {
+        *("scans_in", "scans_processed", "compile_s", "run_s", "ms_per_scan", "peak_rss_mb"),
+        *("resamplings", "ess_mean", "relations", "ate"),
+    }
     keys = {"n", "trans_mean_m", "trans_std_m", "trans_max_m", "rot_mean_deg", "rot_std_deg"}
     assert set(metrics["relations"]) == keys
     assert set(metrics["ate"]) == {"rmse_m", "max_m", "rot_rmse_deg", "n"}
@@ -147,17 +127,6 @@ def test_written_configuration_repeats_the_run(run_folder, log_file, tmp_path):
         assert (tmp_path / name).read_bytes() == (run_folder / name).read_bytes(), name
 
 
-def one_line(capsys) -> str:
-    captured = capsys.readouterr()
-    assert "Traceback" not in captured.err
-    lines = captured.err.splitlines()
-    errors = [line for line in lines if line.startswith("jaxslam: error: ")]
-    assert len(errors) == 1
-    assert all(line.startswith("jaxslam: ") for line in lines)
-    assert lines[-1] == errors[0]
-    return errors[0]
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -184,7 +153,7 @@ def one_line(capsys) -> str:
 def test_bad_flags(arguments, message, log_file, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["run", str(log_file), *arguments]) == 2
-    assert message in one_line(capsys)
+    assert message in error_line(capsys)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -214,7 +183,7 @@ def test_bad_logs(command, content, message, capsys, tmp_path, monkeypatch):
         assert code == 0  # there is something to tell
         return
     assert code == 2
-    line = one_line(capsys)
+    line = error_line(capsys)
     assert message in line
     assert "bad.clf" in line
 
@@ -232,29 +201,18 @@ def test_no_odometry(capsys, tmp_path, monkeypatch, data_dir):
 def test_unknown_topic_names_the_nearest(capsys, data_dir):
     log = data_dir / "bags" / "turtlebot3_drive.mcap"
     assert main(["run", str(log), "--scan-topic", "/scam"]) == 2
-    assert "did you mean '/scan'" in one_line(capsys)
+    assert "did you mean '/scan'" in error_line(capsys)
 
 
 def test_robot_off_the_map_names_the_flag(log_file, capsys, tmp_path):
-    arguments = [
-        "run",
-        str(log_file),
-        "--out",
-        str(tmp_path),
-        *SMALL[:3],
-        "map.margin_share=0",
-        "--map-margin",
-        "0",
-        "--method",
-        "rbpf",
-    ]
-    assert main([*arguments, "--particles", "3"]) == 2
-    assert "--map-margin" in one_line(capsys)
+    given = ["run", str(log_file), "--out", str(tmp_path), *SMALL[:3], "map.margin_share=0"]
+    assert main([*given, "--map-margin", "0", "--method", "rbpf", "--particles", "3"]) == 2
+    assert "--map-margin" in error_line(capsys)
 
 
 def test_out_that_is_a_file(log_file, capsys):
     assert main(["run", str(log_file), "--out", str(log_file)]) == 2
-    assert "is a file" in one_line(capsys)
+    assert "is a file" in error_line(capsys)
 
 
 def test_interrupt(monkeypatch, capsys, log_file):
@@ -294,7 +252,7 @@ def test_missing_extra(module, monkeypatch, capsys):
 
     monkeypatch.setattr("jaxslam.cli.main._dispatch", missing)
     assert main(["run", "x"]) == 2
-    assert "pip install 'jaxslam[cli]'" in one_line(capsys)
+    assert "pip install 'jaxslam[cli]'" in error_line(capsys)
 
 
 def test_config_prints_the_settings_of_a_localization(tmp_path, capsys):
@@ -315,22 +273,12 @@ def test_config_prints_the_settings_of_a_localization(tmp_path, capsys):
     assert "--method applies to `run` only" in capsys.readouterr().err
 
 
-def test_config_prints_what_it_was_told(capsys):
-    assert (
-        main(["config", "--lidar", "lds-01", "--method", "rbpf", "--set", "sigma_hit=0.3", "margin=4"]) == 0
-    )
+@pytest.mark.parametrize("settings", [["sigma_hit=0.3", "margin=4"], ["sigma_hit=0.3", "--set", "margin=4"]])
+def test_config_prints_what_it_was_told(settings, capsys):
+    assert main(["config", "--lidar", "lds-01", "--method", "rbpf", "--set", *settings]) == 0
     printed = capsys.readouterr().out
-    assert 'name = "lds-01"' in printed
-    assert 'kind = "motion"' in printed
-    assert "sigma_hit = 0.3" in printed
-    assert "margin = 4.0" in printed
-
-
-def test_set_may_be_repeated(capsys):
-    assert main(["config", "--set", "sigma_hit=0.3", "--set", "margin=4"]) == 0
-    printed = capsys.readouterr().out
-    assert "sigma_hit = 0.3" in printed
-    assert "margin = 4.0" in printed
+    for line in ('name = "lds-01"', 'kind = "motion"', "sigma_hit = 0.3", "margin = 4.0"):
+        assert line in printed
 
 
 def test_info(log_file, capsys):
@@ -345,25 +293,21 @@ def test_version(capsys):
     assert capsys.readouterr().out.startswith("jaxslam ")
 
 
-def test_help_does_not_wait_for_what_it_does_not_need():
-    script = (
-        "import sys; from jaxslam.cli.main import main; code = main(['run', '--help']); "
-        "assert not {'matplotlib', 'rosbags', 'tqdm'} & set(sys.modules), 'heavy import'; sys.exit(code)"
-    )
-    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stderr
-    assert "--map-margin" in result.stdout
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_is_in_the_help_and_has_a_help_of_its_own(command, capsys):
+    assert main(["--help"]) == 0
+    assert f"\n  {command} " in capsys.readouterr().out
+    assert main([command, "--help"]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith(f"usage: jaxslam {command} ")
+    assert COMMANDS[command].split()[0] in printed
 
 
 def test_default_folder():
-    from pathlib import Path
-
     assert default_folder(Path("d/intel.clf.gz"), "gmapping", 0) == Path("runs/intel-gmapping-s0")
     assert default_folder(Path("d/a.b.mcap"), "rbpf", 7) == Path("runs/a.b-rbpf-s7")
 
 
 def test_strict_json(tmp_path):
-    from jaxslam.report.folder import write_json
-
     write_json(tmp_path / "a.json", {"a": math.nan, "b": [1.5, -math.inf], "c": {"d": None}})
     assert json.loads((tmp_path / "a.json").read_text()) == {"a": None, "b": [1.5, None], "c": {"d": None}}

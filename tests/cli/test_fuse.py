@@ -7,6 +7,7 @@ import pytest
 
 from jaxslam.cli.main import main
 from jaxslam.io import read_tum
+from tests.checks import error_line
 
 
 def test_husky_against_gps(data_dir, tmp_path, capsys):
@@ -78,6 +79,4 @@ def test_a_printed_configuration_has_the_lidar_only_if_it_was_asked_for(capsys):
 )
 def test_what_cannot_be_fused_is_one_line(data_dir, tmp_path, capsys, log, flags, message):
     assert main(["fuse", str(data_dir / log), *flags, "--out", str(tmp_path)]) == 2
-    last = capsys.readouterr().err.strip().splitlines()[-1]
-    assert last.startswith("jaxslam: error: ")
-    assert message in last
+    assert message in error_line(capsys)

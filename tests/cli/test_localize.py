@@ -11,7 +11,7 @@ from jaxslam.grid.known_map import KnownMap
 from jaxslam.io import read_tum, write_map, write_tum
 from jaxslam.sim import sick, simulate
 from jaxslam.viz.clouds import in_map_axes
-from tests.builders import hall_map, room
+from tests.builders import carmen_log, hall_map, room
 
 SMALL = ["--particles", "4096"]
 
@@ -24,22 +24,17 @@ def drive(tmp_path_factory):
     write_map(folder / "hall.yaml", occupancy.probability, 0.05, (-0.5, -0.5, 0.0))
     simulation = simulate(jax.random.key(3), world, waypoints, lidar=sick(num_beams=181), duration=30.0)
     odometry, times = np.asarray(simulation.odometry.poses, float), simulation.odometry_times
-    lines = []
-    readings = np.where(simulation.scans.valid, simulation.scans.ranges, 81.83)
-    for stamp, ranges in zip(simulation.scan_times, readings, strict=True):
-        pose = [float(np.interp(stamp, times, odometry[:, axis])) for axis in range(3)]
-        text = " ".join(f"{value:.3f}" for value in ranges)
-        numbers = " ".join(f"{value:.6f}" for value in [*pose, *pose])
-        lines.append(f"FLASER 181 {text} {numbers} {stamp:.6f} sim {stamp:.6f}")
-    (folder / "drive.log").write_text("\n".join(lines) + "\n")
+    poses = np.stack([np.interp(simulation.scan_times, times, column) for column in odometry.T], axis=1)
+    readings = np.where(simulation.scans.valid, simulation.scans.ranges, np.inf)
+    (folder / "drive.log").write_text(carmen_log(simulation.scan_times, readings, poses))
     write_tum(folder / "truth.tum", simulation.scan_times, np.asarray(simulation.scan_poses, float))
     return folder, np.asarray(simulation.scan_poses, float)
 
 
-def run(drive, out, *flags):
+def run(drive, out, *flags, log=None, map=None):
     folder, _ = drive
-    given = ["localize", str(folder / "drive.log"), "--map", str(folder / "hall.yaml"), *SMALL]
-    return main([*given, "--out", str(out), *flags])
+    log, map = log or folder / "drive.log", map or folder / "hall.yaml"
+    return main(["localize", str(log), "--map", str(map), *SMALL, "--out", str(out), *flags])
 
 
 def test_a_start_that_is_known(drive, tmp_path, capsys):
@@ -132,15 +127,15 @@ def test_maps_that_cannot_be_used_are_told(drive, tmp_path, capsys, change, mess
     for name in ("hall.yaml", "hall.pgm"):
         folder.joinpath(name).write_bytes((drive[0] / name).read_bytes())
     change(folder)
-    given = ["localize", str(drive[0] / "drive.log"), "--map", str(folder / "hall.yaml"), "--global"]
+    code = run(drive, tmp_path / "out", "--global", map=folder / "hall.yaml")
     if message is None:
         # Walls free and the rest occupied: a map in which nothing fits, but one.
-        assert main([*given, *SMALL, "--out", str(tmp_path / "out")]) == 0
+        assert code == 0
         metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
         assert metrics["converged"] is False
         assert "do not agree" in capsys.readouterr().err
     else:
-        assert main([*given, "--out", str(tmp_path / "out")]) == 2
+        assert code == 2
         assert message in capsys.readouterr().err
 
 
@@ -179,23 +174,20 @@ def test_a_map_far_from_its_origin_is_warned_of(drive, tmp_path, capsys):
     for name in ("hall.yaml", "hall.pgm"):
         (tmp_path / name).write_bytes((drive[0] / name).read_bytes())
     _edit(tmp_path, "origin: [-0.5", "origin: [4500000")
-    given = ["localize", str(drive[0] / "drive.log"), "--map", str(tmp_path / "hall.yaml"), "--global"]
-    assert main([*given, *SMALL, "--out", str(tmp_path / "out")]) == 0
+    assert run(drive, tmp_path / "out", "--global", map=tmp_path / "hall.yaml") == 0
     assert "positions are resolved to only 0.5 m" in capsys.readouterr().err
 
 
 def test_a_map_without_free_space_is_told(drive, tmp_path, capsys):
     write_map(tmp_path / "full.yaml", np.ones((40, 40)), 0.05)
-    given = ["localize", str(drive[0] / "drive.log"), "--map", str(tmp_path / "full.yaml"), "--global"]
-    assert main([*given, "--out", str(tmp_path / "out")]) == 2
+    assert run(drive, tmp_path / "out", "--global", map=tmp_path / "full.yaml") == 2
     assert "full.yaml: no free cell among its 40 × 40 cells" in capsys.readouterr().err
 
 
 def test_a_log_that_sees_nothing_runs_and_says_so(drive, tmp_path, capsys):
     blind = "\n".join(f"FLASER 3 81.83 81.83 81.83 {i / 2} 0 0 {i / 2} 0 0 {i} sim {i}" for i in range(6))
     (tmp_path / "blind.log").write_text(blind + "\n")
-    given = ["localize", str(tmp_path / "blind.log"), "--map", str(drive[0] / "hall.yaml"), *SMALL]
-    assert main([*given, "--start", "1.4,1.4,0", "--out", str(tmp_path / "out")]) == 0
+    assert run(drive, tmp_path / "out", "--start", "1.4,1.4,0", log=tmp_path / "blind.log") == 0
     assert "6 of 6 scans had too few returns" in capsys.readouterr().err
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert metrics["match_score"] is None
@@ -210,8 +202,8 @@ def test_a_turned_map_gives_the_turned_trajectory(drive, tmp_path):
     local = truth[0] + np.array([0.5, 0.5, 0.0])
     cos, sin = np.cos(0.6), np.sin(0.6)
     x, y = 2.0 + cos * local[0] - sin * local[1], 3.0 + sin * local[0] + cos * local[1]
-    given = ["localize", str(folder / "drive.log"), "--map", str(tmp_path / "hall.yaml"), *SMALL]
-    assert main([*given, "--start", f"{x},{y},{local[2] + 0.6}", "--out", str(tmp_path / "out")]) == 0
+    start = f"{x},{y},{local[2] + 0.6}"
+    assert run(drive, tmp_path / "out", "--start", start, map=tmp_path / "hall.yaml") == 0
     _, poses = read_tum(tmp_path / "out" / "trajectory.tum")
     end = truth[-1] + np.array([0.5, 0.5, 0.0])
     expected = [2.0 + cos * end[0] - sin * end[1], 3.0 + sin * end[0] + cos * end[1]]

@@ -1,7 +1,5 @@
 """`jaxslam study` and `jaxslam study report`, end to end: killed, interrupted, gone on with, reported on."""
 
-import contextlib
-import io
 import json
 import os
 import re
@@ -18,6 +16,7 @@ from jaxslam.config.dotted import flatten
 from jaxslam.config.lidar_presets import PRESETS
 from jaxslam.config.resolve import resolve_config
 from jaxslam.config.slam import SlamConfig
+from tests.checks import error_line
 
 MORE = 3
 """Trials of the last session, after one that is killed and one that is interrupted."""
@@ -164,14 +163,8 @@ def test_the_report_of_a_study(ended, capsys):
     assert main(["study", "report", str(folder / "hall.db"), "--out", str(folder / "report")]) == 0
     output = capsys.readouterr().out
     written = {path.name for path in (folder / "report").iterdir()}
-    assert {
-        "report.md",
-        "trials.json",
-        "best.toml",
-        "history.png",
-        "parallel.png",
-        "importance.png",
-    } == written
+    pictures = {"history.png", "parallel.png", "importance.png"}
+    assert written == {"report.md", "trials.json", "best.toml"} | pictures
     for part in (" trials with values, 0 failed", "| trial | error, m |", "| importance for |"):
         assert part in output
     # As the study itself has reported.
@@ -184,13 +177,7 @@ def test_the_best_configuration_is_one_that_run_takes(ended):
     trials = json.loads((folder / "out" / "trials.json").read_text())
     best = min((trial for trial in trials if trial["values"]), key=lambda trial: trial["values"])
 
-    def detect():
-        raise AssertionError("the study has said which lidar")
-
-    configuration = resolve_config(
-        SlamConfig(),
-        config=folder / "out" / "best.toml",
-    )
+    configuration = resolve_config(SlamConfig(), config=folder / "out" / "best.toml")
     found = flatten(configuration)
     tuned = {**best["settings"], "num_particles": 3, "map.margin": 4.0, "map.window": 8.0}
     assert {name: found[name] for name in tuned} == tuned
@@ -208,17 +195,6 @@ def at(tmp_path, monkeypatch):
     monkeypatch.setattr("jaxslam.study.with_lidars", lambda plan: plan)
     monkeypatch.setattr("jaxslam.study.with_few_programs", lambda plan: plan)
     return tmp_path
-
-
-def complaint_of(*arguments):
-    """The one line on stderr of a command that ends with 2."""
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = main(arguments)
-    assert code == 2, out.getvalue()
-    [line] = err.getvalue().splitlines()
-    assert line.startswith("jaxslam: error: ")
-    return line
 
 
 @pytest.mark.parametrize(
@@ -249,18 +225,22 @@ def complaint_of(*arguments):
         (("", ""), ["--cluster", "tcp://10.1.2.3:8786"], "is a file of this machine, which the workers of"),
     ],
 )
-def test_bad_input_is_one_line(at, monkeypatch, change, flags, message):
+def test_bad_input_is_one_line(at, monkeypatch, capsys, change, flags, message):
     monkeypatch.setattr("jaxslam.study.workers.CONNECT", 0.2)
     Path("plan.toml").write_text(PLAN.replace(*change), encoding="utf-8")
-    assert message in complaint_of("study", "plan.toml", *flags)
+    assert main(["study", "plan.toml", *flags]) == 2
+    assert message in error_line(capsys)
 
 
-def test_files_that_are_missing(at):
-    assert "missing.toml: No such file" in complaint_of("study", "missing.toml")
-    assert "missing.db is not there: give the storage" in complaint_of("study", "report", "missing.db")
+def test_files_that_are_missing(at, capsys):
+    assert main(["study", "missing.toml"]) == 2
+    assert "missing.toml: No such file" in error_line(capsys)
+    assert main(["study", "report", "missing.db"]) == 2
+    assert "missing.db is not there: give the storage" in error_line(capsys)
     assert not Path("missing.db").exists()
     Path("plan.toml").write_text(
         PLAN.replace('world = "hall_small"\nduration = 10\n[[h', 'log = "no.bag"\n[[h')
     )
-    assert "no.bag is not there" in complaint_of("study", "plan.toml")
+    assert main(["study", "plan.toml"]) == 2
+    assert "no.bag is not there" in error_line(capsys)
     assert not Path("runs").exists()

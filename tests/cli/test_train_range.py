@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-import json
 import pickle
 
 import equinox as eqx
@@ -25,7 +24,8 @@ from jaxslam.sim import (
     simulate,
     to_log,
 )
-from tests.builders import hall_map
+from tests.builders import carmen_log, forward_half, hall_map
+from tests.checks import error_line, strict_json
 
 # As far off as its data sheet allows somewhere: 12 cm at 2.5 m.
 BIAS = draw_lds_01_bias(jax.random.key(0), share=1.0)
@@ -63,14 +63,8 @@ def drive(tmp_path_factory):
     assert log.scans is not None
     assert log.odometry is not None
     poses = interpolate_poses(log.odometry.stamps, log.odometry.poses, log.scans.stamps)
-    lines = ["PARAM robot_frontlaser_offset -0.032"]
-    for stamp, ranges, (x, y, theta) in zip(log.scans.stamps, log.scans.ranges, poses, strict=True):
-        half = np.concatenate([ranges[270:], ranges[:91]])
-        beams = " ".join(f"{reading:.3f}" for reading in np.where(np.isfinite(half), half, 9.0))
-        mounted = f"{x - 0.032 * np.cos(theta):.4f} {y - 0.032 * np.sin(theta):.4f} {theta:.5f}"
-        robot = f"{x:.4f} {y:.4f} {theta:.5f}"
-        lines.append(f"FLASER 181 {beams} {mounted} {robot} {stamp:.4f} host {stamp:.4f}")
-    (folder / "hall.log").write_text("\n".join(lines) + "\n")
+    half = forward_half(log.scans.ranges)
+    (folder / "hall.log").write_text(carmen_log(log.scans.stamps, half, poses, mounting=-0.032))
     write_tum(folder / "truth.tum", log.scans.stamps, np.asarray(simulation.scan_poses, float))
     write_map(folder / "hall.yaml", hall_map()[0].probability, 0.05, (-0.5, -0.5, 0.0))
     start = ",".join(f"{value:.3f}" for value in np.asarray(simulation.scan_poses)[0])
@@ -82,22 +76,6 @@ def table_of(path, distances, offset=0.02):
     rows = [f"{d},{d + offset + 0.001 * i}" for d in distances for i in (-1, 0, 1)]
     path.write_text("true_m,measured_m\n" + "\n".join(rows) + "\n")
     return str(path)
-
-
-def strict_json(path):
-    def refuse(name):
-        raise AssertionError(f"{name} is not JSON")
-
-    return json.loads(path.read_text(), parse_constant=refuse)
-
-
-def one_line(capsys) -> str:
-    """The error; before it stand warnings alone."""
-    captured = capsys.readouterr()
-    lines = captured.err.splitlines()
-    assert all(line.startswith("jaxslam: warning: ") for line in lines[:-1])
-    assert lines[-1].startswith("jaxslam: error: ")
-    return lines[-1]
 
 
 def test_what_is_written(trained):
@@ -261,7 +239,7 @@ def test_what_cannot_be_learnt_is_one_line(tmp_path, capsys, monkeypatch, data, 
     (tmp_path / "lost.csv").write_text("true_m,measured_m\n1,0\n2,nan\n")
     (tmp_path / "stuck.csv").write_text("true_m,measured_m\n1,1.5\n2,1.5\n")
     assert main(["train-range", *data, *flags, "--out", "net.eqx"]) == 2
-    assert message in one_line(capsys)
+    assert message in error_line(capsys)
     assert not (tmp_path / "net.eqx").exists()
 
 
@@ -301,7 +279,7 @@ def test_a_file_that_is_no_network_makes_no_run(drive, tmp_path, capsys, command
         (tmp_path / "net.eqx").write_bytes(content)
     given = [*COMMANDS[command](drive[0]), "--range-network", str(tmp_path / "net.eqx")]
     assert main([*given, "--out", str(tmp_path / "new")]) == 2
-    assert message in one_line(capsys)
+    assert message in error_line(capsys)
     assert not (tmp_path / "new").exists()
 
 

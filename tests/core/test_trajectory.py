@@ -16,7 +16,7 @@ from jaxslam.core.trajectory import (
     yaw_from_quaternion,
 )
 from jaxslam.io.ranges import clean_ranges, saturated_reading
-from jaxslam.io.stamps import backward_steps, sorting_order, spread_repeats
+from jaxslam.io.stamps import largest_step_back, nearest_rows, sorting_order, spread_repeats
 
 
 def matrix(pose):
@@ -81,9 +81,17 @@ def test_yaw_is_that_of_scipys_euler_angles():
 
 def test_disorder_of_stamps_is_measured_and_sorted_stably():
     stamps = np.array([0.0, 2.0, 1.5, 1.7, 3.0, 3.0])
-    assert backward_steps(stamps) == (2, 0.5, 2)
-    assert backward_steps(np.zeros(0)) == (0, 0.0, 0)
-    assert sorting_order(stamps).tolist() == [0, 2, 3, 1, 4, 5]
+    assert largest_step_back(stamps) == (0.5, 2)
+    assert largest_step_back(np.zeros(0)) == (0.0, 0)
+    warnings = []
+    assert sorting_order(stamps, "ODOM", warnings).tolist() == [0, 2, 3, 1, 4, 5]
+    assert warnings == ["ODOM: 2 stamps run back by up to 0.500 s: sorted by time"]
+
+
+def test_the_nearest_stamp_is_found():
+    stamps, queries = np.array([0.0, 1.0, 3.0]), np.array([[-9.0, 0.5], [2.1, 9.0]])
+    assert nearest_rows(stamps, queries).tolist() == [[0, 0], [2, 2]]
+    assert nearest_rows(stamps[:1], queries).tolist() == [[0, 0], [0, 0]]
 
 
 def test_repeated_stamps_are_spread_up_to_the_next():

@@ -94,6 +94,7 @@ class Server:
 @pytest.fixture
 def server(monkeypatch):
     server = Server()
+    fetch._list_blobs.cache_clear()
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
     monkeypatch.setattr(fetch, "FILE_URL", server.url + "/raw/{repository}/{commit}/{path}")
     monkeypatch.setattr(fetch, "TREE_URL", server.url + "/tree/{repository}/{commit}")

@@ -219,8 +219,10 @@ def test_the_set_grows_by_one_stage_at_a_time(amcl):
 
 def resampled(amcl, poses, log_weights, random_share):
     """How many, all that were drawn, and how many of those that count are random."""
-    particles = (KEY, poses, normalize(log_weights), jnp.int32(poses.shape[0]), jnp.float32(random_share))
-    count, drawn, log_weights, num_random = jax.jit(lambda a, p: a._resample(8192, p))(amcl, particles)
+    resample = jax.jit(AMCL._resample, static_argnums=5)
+    count, drawn, log_weights, num_random = resample(
+        amcl, KEY, poses, normalize(log_weights), jnp.float32(random_share), 8192
+    )
     np.testing.assert_allclose(log_weights, -np.log(int(count)), rtol=1e-6)
     return int(count), np.asarray(drawn), int(num_random)
 

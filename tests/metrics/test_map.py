@@ -207,5 +207,3 @@ def test_bad_input_is_one_clear_line():
         BinaryMap(~nothing, ~nothing, 1.0, ORIGIN)
     with pytest.raises(ValueError, match="occupied has shape"):
         BinaryMap(nothing, nothing[:3], 1.0, ORIGIN)
-    with pytest.raises(ValueError, match="out of order"):
-        BinaryMap.from_probability(np.ones((2, 2)), 1.0, ORIGIN, 0.2, 0.6)

@@ -10,64 +10,33 @@ import pytest
 
 from jaxslam.config.dotted import update
 from jaxslam.config.thinning import Thinning
-from jaxslam.grid import GridSpec, OccupancyModel
-from jaxslam.motion import OdometryMotion
 from jaxslam.pipeline.inputs import PreparedScans, pair_scans
 from jaxslam.pipeline.many import (
     ManyResult,
-    _check_memory,
-    _fitting_devices,
+    _devices_in_memory,
     _program,
-    bytes_needed,
+    bytes_per_device,
     run_many,
 )
 from jaxslam.pipeline.run import run_log
 from jaxslam.proposal import MotionProposal
-from jaxslam.resampling import AdaptiveResampling, SystematicResampler
-from jaxslam.sensor import LikelihoodField
-from jaxslam.sim import Lidar, hall_small, simulate, to_log
 from jaxslam.slam import RBPF
+from tests.pipeline.drives import drive, small_filter
 
-NUM_BEAMS = 24
 KEYS = jnp.stack([jax.random.key(seed) for seed in range(3)])
 SIGMAS = [0.1, 0.3]
-
-
-def drive(seed: int, duration: float) -> PreparedScans:
-    world, waypoints = hall_small()
-    lidar = Lidar(
-        num_beams=NUM_BEAMS,
-        angle_min=-np.pi,
-        angle_increment=2 * np.pi / NUM_BEAMS,
-        range_min=0.05,
-        range_max=4.0,
-        sigma_constant=0.01,
-        rate=10.0,
-    )
-    simulation = simulate(jax.random.key(seed), world, waypoints, lidar=lidar, duration=duration)
-    return pair_scans(to_log(simulation), Thinning(0.1, 0.2))
+THINNING = Thinning(0.1, 0.2)
 
 
 @pytest.fixture(scope="module")
 def prepared() -> PreparedScans:
-    return drive(0, 6.0)
+    return pair_scans(drive(0, 6.0), THINNING)
 
 
 @pytest.fixture(scope="module")
 def slam(prepared) -> RBPF:
     """The traditional filter with little noise: it resamples, and compiles fast."""
-    bounds = prepared.odometry_bounds
-    return RBPF(
-        grid=GridSpec.covering(bounds[0] - 5.0, bounds[1] + 5.0, 0.1),
-        motion=OdometryMotion(),
-        sensor=LikelihoodField(max_beams=NUM_BEAMS),
-        proposal=MotionProposal(),
-        resampling=AdaptiveResampling(SystematicResampler(), 0.9),
-        occupancy=OccupancyModel(),
-        usable_range=3.0,
-        num_particles=4,
-        window_size=64,
-    )
+    return small_filter(prepared, MotionProposal(), num_particles=4, threshold=0.9)
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +119,7 @@ def test_how_the_runs_are_laid_out_changes_nothing(slam, prepared, many, togethe
 
 
 def test_every_key_may_have_an_input_of_its_own(slam, prepared, many):
-    inputs = [prepared, drive(1, 4.0), drive(2, 5.0)]
+    inputs = [prepared, *(pair_scans(drive(seed, 3.0 + seed), THINNING) for seed in (1, 2))]
     assert len({len(each.stamps) for each in inputs}) == 3
     found = run_many(slam, inputs, KEYS)
     for column, (key, each) in enumerate(zip(KEYS, inputs, strict=True)):
@@ -218,24 +187,28 @@ def test_neither_devices_nor_runs_together_may_be_none(slam, prepared):
         slam.shard([])
 
 
-@pytest.mark.parametrize(("room", "count"), [(0.5, 1), (1.0, 1), (1.9, 1), (2.1, 2), (4.5, 4), (99.0, 8)])
-def test_as_many_devices_as_there_is_memory_for(slam, monkeypatch, room, count):
-    alone = bytes_needed(slam, 64, together=2, num_devices=1, kept_maps=0)
-    monkeypatch.setattr("jaxslam.pipeline.many.physical_memory", lambda: room * alone)
+@pytest.mark.parametrize(("room", "count"), [(1.0, 1), (1.9, 1), (2.1, 2), (4.5, 4), (99.0, 8)])
+@pytest.mark.parametrize("kept_maps", [0, 10])
+def test_as_many_devices_as_there_is_memory_for(slam, monkeypatch, room, count, kept_maps):
+    kept = kept_maps * slam.grid.height * slam.grid.width
+    memory = room * bytes_per_device(slam, 64, together=2) + kept
+    monkeypatch.setattr("jaxslam.pipeline.many.physical_memory", lambda: memory)
     eight = tuple(jax.devices()[:1]) * 8
-    assert len(_fitting_devices(slam, 64, 2, eight, 0)) == count
+    assert len(_devices_in_memory(eight, slam, 64, 2, kept_maps, drop_some=True)) == count
 
 
 def test_devices_with_memory_of_their_own_are_asked_for_it(slam):
+    each = bytes_per_device(slam, 64, together=1)
     accelerator = Mock(spec=jax.devices()[0], platform="gpu")
-    accelerator.memory_stats.return_value = {"bytes_limit": 1e5}
+    accelerator.memory_stats.return_value = {"bytes_limit": 1.1 * each}
     several = (accelerator,) * 4
-    assert _fitting_devices(slam, 64, 1, several, 0) == several
     # Maps that are kept for the result are in main memory.
+    assert _devices_in_memory(several, slam, 64, 1, 1000, drop_some=True) == several
+    accelerator.memory_stats.return_value = {"bytes_limit": 1e5}
     with pytest.raises(
         ValueError, match=r"1 parallel runs of 4 maps .* 1000 kept maps .* only 0.0001 GB are available"
     ):
-        _check_memory(slam, 64, 1, several, 1000)
+        _devices_in_memory(several, slam, 64, 1, 1000, drop_some=True)
 
 
 @pytest.mark.parametrize("together", [1, 3])
@@ -256,7 +229,7 @@ def test_the_memory_is_what_the_compiler_says(slam, prepared, together, monkeypa
     with pytest.raises(RuntimeError, match="compiled"):
         run_many(large, prepared, KEYS, together=together, devices=jax.devices()[:1])
     [found] = compiled
-    needed = bytes_needed(large, 64, together=together, num_devices=1, kept_maps=0)
+    needed = bytes_per_device(large, 64, together)
     assert 0.8 * needed < found.temp_size_in_bytes < 1.1 * needed
 
 

@@ -12,23 +12,19 @@ from jaxslam.config.localization import LocalizationConfig
 from jaxslam.config.thinning import Thinning
 from jaxslam.core import se2
 from jaxslam.core.flags import Flag
-from jaxslam.grid import GridSpec, OccupancyModel
 from jaxslam.io.log import SensorLog
 from jaxslam.matching import CorrelativeSearch
-from jaxslam.motion import OdometryMotion
 from jaxslam.pipeline.chunks import CHUNK, run_steps
 from jaxslam.pipeline.inputs import PreparedScans, pair_scans
 from jaxslam.pipeline.localize import localize_log
 from jaxslam.pipeline.prepare import prepare_localization
 from jaxslam.pipeline.run import RunResult, SlamError, Snapshot, run_log
 from jaxslam.proposal import MatchedProposal
-from jaxslam.resampling import AdaptiveResampling, SystematicResampler
-from jaxslam.sensor import LikelihoodField
-from jaxslam.sim import Lidar, hall_small, simulate, to_log
 from jaxslam.slam import RBPF, trajectory
 from jaxslam.xla.compiler import compiler_options
+from tests.pipeline.drives import NUM_BEAMS, drive, small_filter
 
-NUM_PARTICLES, NUM_BEAMS, DURATION, RATE = 3, 24, 8.0, 20.0
+NUM_PARTICLES = 3
 KEY = jax.random.key(7)
 BLIND = [10, 11, 70]
 """Processed scans without a return, in both chunks."""
@@ -37,18 +33,7 @@ BLIND = [10, 11, 70]
 @pytest.fixture(scope="module")
 def log() -> SensorLog:
     """Some 6 m of driving; the scans are closer together than the filter wants them."""
-    world, waypoints = hall_small()
-    lidar = Lidar(
-        num_beams=NUM_BEAMS,
-        angle_min=-np.pi,
-        angle_increment=2 * np.pi / NUM_BEAMS,
-        range_min=0.05,
-        range_max=4.0,
-        sigma_constant=0.01,
-        rate=RATE,
-    )
-    simulation = simulate(jax.random.key(0), world, waypoints, lidar=lidar, duration=DURATION)
-    return to_log(simulation)
+    return drive(0, 8.0, rate=20.0)
 
 
 @pytest.fixture(scope="module")
@@ -58,20 +43,9 @@ def prepared(log) -> PreparedScans:
 
 @pytest.fixture(scope="module")
 def slam(prepared) -> RBPF:
-    bounds = prepared.odometry_bounds
-    return RBPF(
-        grid=GridSpec.covering(bounds[0] - 5.0, bounds[1] + 5.0, 0.1),
-        motion=OdometryMotion(),
-        sensor=LikelihoodField(max_beams=NUM_BEAMS),
-        proposal=MatchedProposal(
-            max_beams=NUM_BEAMS, search=CorrelativeSearch(num_translations=3, num_rotations=3)
-        ),
-        resampling=AdaptiveResampling(SystematicResampler(), 0.5),
-        occupancy=OccupancyModel(),
-        usable_range=3.0,
-        num_particles=NUM_PARTICLES,
-        window_size=64,
-    )
+    search = CorrelativeSearch(num_translations=3, num_rotations=3)
+    proposal = MatchedProposal(max_beams=NUM_BEAMS, search=search)
+    return small_filter(prepared, proposal, num_particles=NUM_PARTICLES, threshold=0.5)
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxslam.sim import World, box, cast_rays, cast_scan, disc, hall_small, polyline
+from jaxslam.sim import World, box, cast_rays, disc, hall_small, polyline
+from jaxslam.sim.exact_ranges import cast_scan
 
 
 def loop_cast(segments: np.ndarray, pose: np.ndarray, angles: np.ndarray) -> np.ndarray:

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from jaxslam.core import se2
-from jaxslam.sim import Drive, Imu, Robot, follow_tour, hall_small, sample_times
+from jaxslam.sim import Imu, Robot, hall_small
+from jaxslam.sim.robot import Drive, follow_tour
+from jaxslam.sim.simulate import sample_times
 
 SILENT = Imu(
     rate_noise_density=0.0,

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from jaxslam.grid.spec import GridSpec
-from jaxslam.sim import World, box, hall_small, observable, polyline, rasterize, reachable
+from jaxslam.sim import World, box, hall_small, observable, polyline
+from jaxslam.sim.rasterize import rasterize, reachable
 
 
 def grid(height: int, width: int, resolution: float = 1.0, origin=(0.0, 0.0)) -> GridSpec:

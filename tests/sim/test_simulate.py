@@ -15,11 +15,10 @@ from jaxslam.sim import (
     cast_rays,
     hall_small,
     random_hall,
-    sample_times,
     simulate,
     to_log,
 )
-from jaxslam.sim.simulate import _simulate
+from jaxslam.sim.simulate import _simulate, sample_times
 
 LIDAR = Lidar(
     num_beams=24,

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from jaxslam.core import se2
-from jaxslam.sim import Drive, Robot, WheelOdometry, follow_tour, hall_small, sample_times
-from jaxslam.sim.robot import advance
+from jaxslam.sim import Robot, WheelOdometry, hall_small
+from jaxslam.sim.robot import Drive, advance, follow_tour
+from jaxslam.sim.simulate import sample_times
 
 PERFECT = WheelOdometry(sigma_radius_error=0.0, sigma_track_width_error=0.0, sigma_slip=0.0)
 

@@ -118,16 +118,6 @@ def test_the_best_by_tpe_is_better_than_by_chance(tmp_path, cheap):
     assert found["tpe"] < 0.5 * found["random"]
 
 
-def test_draws_after_a_resumption_are_others(plan, tmp_path, cheap):
-    drawn = [
-        each.settings["sensor.sigma_hit"] for each in go(dataclasses.replace(plan, trials=3), tmp_path)[0]
-    ]
-    for trials in (6, 9):
-        told, _ = go(dataclasses.replace(plan, trials=trials), tmp_path)
-        drawn += [each.settings["sensor.sigma_hit"] for each in told]
-    assert len(set(drawn)) == 9
-
-
 def test_settings_of_some_methods_only(tmp_path, cheap):
     space = '[space]\nmethod = ["rbpf", "gmapping"]\n"proposal.lost_below" = { low = 0.1, high = 0.9 }'
     told, _ = go(plan_of(tmp_path, STUDY, LOGS, space, trials=12), tmp_path)
@@ -342,21 +332,23 @@ def test_one_that_left_its_map_spoils_no_other(plan, runs):
     assert second.error.shape == (2,)
 
 
-def test_a_reference_of_another_time_fails_the_trial_only(plan, runs, monkeypatch):
+def unusable() -> dict[str, LoadedSource]:
+    """Sources that cannot be measured, by what is said of them."""
     loaded = made_up()
     stamps, poses = loaded.reference
-    elsewhere = dataclasses.replace(loaded, reference=(stamps + 1000.0, poses))
-    monkeypatch.setattr(measuring, "load", lambda source: elsewhere)
-    [found] = measure(plan, plan.sources[0], (0, 1), [{}])
-    assert "0 of the 41 reference poses" in str(found)
+    nothing = Relations(stamps[:0], stamps[:0], poses[:0])
+    return {
+        "no odometry in it": dataclasses.replace(loaded, log=dataclasses.replace(loaded.log, odometry=None)),
+        "0 of the 41 reference poses": dataclasses.replace(loaded, reference=(stamps + 1000.0, poses)),
+        "none of the 0 relations": dataclasses.replace(loaded, relations=nothing),
+    }
 
 
-def test_a_log_without_odometry_fails(plan, runs, monkeypatch):
-    loaded = made_up()
-    blind = dataclasses.replace(loaded, log=dataclasses.replace(loaded.log, odometry=None))
-    monkeypatch.setattr(measuring, "load", lambda source: blind)
+@pytest.mark.parametrize(("message", "source"), unusable().items())
+def test_a_source_that_cannot_be_measured_fails_the_trial_only(plan, runs, monkeypatch, message, source):
+    monkeypatch.setattr(measuring, "load", lambda _: source)
     [found] = measure(plan, plan.sources[0], (0, 1), [{}])
-    assert "no odometry in it" in str(found)
+    assert message in str(found)
 
 
 def test_sizes_are_given_steps_where_the_program_depends_on_them(tmp_path, runs):
@@ -383,32 +375,20 @@ def test_the_lidar_that_the_scans_tell_is_a_part_of_the_plan(plan, runs, monkeyp
     assert [source.lidar for source in with_lidars(plan).sources] == ["sick"]
 
 
-def test_logs_are_looked_at_before_anything_runs(plan, runs, monkeypatch):
+@pytest.mark.parametrize(("message", "source"), unusable().items())
+def test_logs_are_looked_at_before_anything_runs(plan, runs, monkeypatch, message, source):
     """Those held out as well, which would else be looked at after hours."""
-    loaded = made_up()
-    stamps, poses = loaded.reference
-    other = dataclasses.replace(plan.sources[0], name="other")
-    monkeypatch.setattr("jaxslam.study.search.load", lambda source: loaded)
-    for wrong, message in (
-        (
-            dataclasses.replace(loaded, log=dataclasses.replace(loaded.log, odometry=None)),
-            "no odometry in it",
-        ),
-        (dataclasses.replace(loaded, reference=(stamps + 1000.0, poses)), "0 of the 41 reference poses"),
-        (
-            dataclasses.replace(loaded, relations=Relations(stamps[:0], stamps[:0], poses[:0])),
-            "none of the 0 relations",
-        ),
-    ):
-        found = {"hall_small-0": loaded, "other": wrong}
-        monkeypatch.setattr(measuring, "load", lambda source, found=found: found[source.name])
-        with pytest.raises(ValueError, match=f"^other: .*{message}") as caught:
-            with_lidars(dataclasses.replace(plan, held_out=(other,)))
-        assert "\n" not in str(caught.value)
+    plan = dataclasses.replace(plan, held_out=(dataclasses.replace(plan.sources[0], name="other"),))
+    found = {"hall_small-0": made_up(), "other": source}
+    monkeypatch.setattr(measuring, "load", lambda source: found[source.name])
+    monkeypatch.setattr("jaxslam.study.search.load", lambda source: found[source.name])
+    with pytest.raises(ValueError, match=f"^other: .*{message}") as caught:
+        with_lidars(plan)
+    assert "\n" not in str(caught.value)
     assert runs[0] == []
     # Nothing to be measured by is nothing wrong, where only the time counts.
-    found["other"] = dataclasses.replace(loaded, reference=None)
-    with_lidars(dataclasses.replace(plan, held_out=(other,)))
+    found["other"] = dataclasses.replace(made_up(), reference=None)
+    with_lidars(plan)
 
 
 # Measuring for real.

@@ -12,6 +12,7 @@ from jaxslam.config.slam import METHODS, SlamConfig
 from jaxslam.study.space import VALUES_OF_A_SIZE, Parameter, Space
 
 BASE = SlamConfig()
+SIGMA = "sensor.sigma_hit"
 
 
 def space_of(**tables) -> Space:
@@ -214,56 +215,36 @@ def test_a_space_that_is_none(tables, message):
 @pytest.mark.parametrize(
     ("name", "table", "message"),
     [
-        ("sensor.sigma_hit", 0.1, "is 0.1: give a list of choices or { low"),
-        ("sensor.sigma_hit", [], "give a list of choices, and nothing beside it"),
-        ("sensor.sigma_hit", {"choices": 0.1}, "give a list of choices, and nothing beside it"),
-        (
-            "sensor.sigma_hit",
-            {"choices": [0.1], "log": True},
-            "give a list of choices, and nothing beside it",
-        ),
-        (
-            "sensor.sigma_hit",
-            [[0.1, 0.2], [0.3]],
-            r"\[0.1, 0.2\] is not a choice: give numbers, text, true or false",
-        ),
+        (SIGMA, 0.1, "is 0.1: give a list of choices or { low"),
+        (SIGMA, [], "give a list of choices, and nothing beside it"),
+        (SIGMA, {"choices": 0.1}, "give a list of choices, and nothing beside it"),
+        (SIGMA, {"choices": [0.1], "log": True}, "give a list of choices, and nothing beside it"),
+        (SIGMA, [[0.1, 0.2], [0.3]], r"\[0.1, 0.2\] is not a choice: give numbers, text, true or false"),
         ("proposal.kind", [["motion"]], r"\['motion'\] is not a choice"),
-        ("sensor.sigma_hit", [0.1, 0.2, 0.1], "0.1 is given twice among the choices"),
-        ("sensor.sigma_hit", [1, 1.0], "1 is given twice"),
-        (
-            "sensor.sigma_hit",
-            {"low": 0.1, "hihg": 0.2},
-            "has no 'hihg': there are low, high, step, log and choices",
-        ),
+        (SIGMA, [0.1, 0.2, 0.1], "0.1 is given twice among the choices"),
+        (SIGMA, [1, 1.0], "1 is given twice"),
+        (SIGMA, {"low": 0.1, "hihg": 0.2}, "has no 'hihg': there are low, high, step, log and choices"),
         ("proposal.kind", {"low": 1, "high": 2}, "is not a number: give a list of choices"),
         ("fusion.read_poses", {"low": 0, "high": 1}, "is not a number: give a list of choices"),
         ("method", {"low": 1, "high": 2}, "is not a number: give a list of choices"),
-        ("sensor.sigma_hit", {"low": 0.1}, "give low and high"),
-        ("sensor.sigma_hit", {"high": 0.1, "log": True}, "give low and high"),
-        ("sensor.sigma_hit", {"low": False, "high": 0.2}, "low is False: give a finite number"),
-        ("sensor.sigma_hit", {"low": "0.1", "high": 0.2}, "low is '0.1': give a finite number"),
-        ("sensor.sigma_hit", {"low": 0.1, "high": math.inf}, "high is inf: give a finite number"),
-        ("sensor.sigma_hit", {"low": math.nan, "high": 1.0}, "low is nan: give a finite number"),
-        ("sensor.sigma_hit", {"low": 1, "high": 10**400}, "high is 10+: give a finite number"),
-        ("sensor.sigma_hit", {"low": 0.1, "high": 0.2, "step": [1]}, r"step is \[1\]: give a finite number"),
+        (SIGMA, {"low": 0.1}, "give low and high"),
+        (SIGMA, {"high": 0.1, "log": True}, "give low and high"),
+        (SIGMA, {"low": False, "high": 0.2}, "low is False: give a finite number"),
+        (SIGMA, {"low": "0.1", "high": 0.2}, "low is '0.1': give a finite number"),
+        (SIGMA, {"low": 0.1, "high": math.inf}, "high is inf: give a finite number"),
+        (SIGMA, {"low": math.nan, "high": 1.0}, "low is nan: give a finite number"),
+        (SIGMA, {"low": 1, "high": 10**400}, "high is 10+: give a finite number"),
+        (SIGMA, {"low": 0.1, "high": 0.2, "step": [1]}, r"step is \[1\]: give a finite number"),
         ("num_particles", {"low": 3.5, "high": 8}, "low is 3.5: give a whole number"),
         ("num_particles", {"low": 3, "high": 8, "step": 1.5}, "step is 1.5: give a whole number"),
-        ("sensor.sigma_hit", {"low": 0.2, "high": 0.1}, "low is 0.2 and high is 0.1: low must be less"),
-        ("sensor.sigma_hit", {"low": 0.2, "high": 0.2}, "low must be less"),
-        (
-            "sensor.sigma_hit",
-            {"low": 0.1, "high": 0.2, "step": 0},
-            "step is 0: give more than 0, and no more",
-        ),
-        ("sensor.sigma_hit", {"low": 0.1, "high": 0.2, "step": -0.1}, "step is -0.1: give more than 0"),
-        ("sensor.sigma_hit", {"low": 0.1, "high": 0.2, "step": 0.2}, "no more than high - low"),
-        (
-            "sensor.sigma_hit",
-            {"low": 0.0, "high": 0.2, "log": True},
-            "log is for an interval above 0 without",
-        ),
-        ("sensor.sigma_hit", {"low": 0.1, "high": 0.9, "step": 0.1, "log": True}, "above 0 without a step"),
-        ("sensor.sigma_hit", {"low": 0.1, "high": 0.9, "log": "yes"}, "log is for an interval above 0"),
+        (SIGMA, {"low": 0.2, "high": 0.1}, "low is 0.2 and high is 0.1: low must be less"),
+        (SIGMA, {"low": 0.2, "high": 0.2}, "low must be less"),
+        (SIGMA, {"low": 0.1, "high": 0.2, "step": 0}, "step is 0: give more than 0, and no more"),
+        (SIGMA, {"low": 0.1, "high": 0.2, "step": -0.1}, "step is -0.1: give more than 0"),
+        (SIGMA, {"low": 0.1, "high": 0.2, "step": 0.2}, "no more than high - low"),
+        (SIGMA, {"low": 0.0, "high": 0.2, "log": True}, "log is for an interval above 0 without"),
+        (SIGMA, {"low": 0.1, "high": 0.9, "step": 0.1, "log": True}, "above 0 without a step"),
+        (SIGMA, {"low": 0.1, "high": 0.9, "log": "yes"}, "log is for an interval above 0"),
     ],
 )
 def test_a_parameter_that_is_none(name, table, message):

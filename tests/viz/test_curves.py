@@ -5,16 +5,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 
-from jaxslam.viz import plot_errors, plot_ess, plot_num_particles
+from jaxslam.viz import plot_errors, plot_ess
 from jaxslam.viz.style import add_legend
-
-
-@pytest.fixture
-def ax() -> Axes:
-    figure = Figure(figsize=(4, 3), dpi=50)
-    FigureCanvasAgg(figure)
-    return figure.subplots()
-
 
 TIMES = np.array([0.0, 1.0, 2.0])
 
@@ -103,29 +95,6 @@ def test_marks_that_are_not_there_do_not_take_up_room():
         rooms.append(ax.get_tightbbox(canvas.get_renderer()).bounds)
     assert ax.lines[-1].get_label() == "resampled (0)"
     assert rooms[1] == pytest.approx(rooms[0])
-
-
-def test_numbers_of_particles_are_drawn_with_where_they_do_not_agree(ax):
-    counts, agreed = np.array([1000, 10, 10]), np.array([False, True, True])
-    assert plot_num_particles(TIMES, counts, agreed, ax) is ax
-    np.testing.assert_array_equal(ax.lines[0].get_xydata(), np.stack([TIMES, counts], axis=1))
-    assert (ax.get_yscale(), ax.get_ylabel()) == ("log", "particles")
-    [gray] = ax.collections
-    assert gray.get_label() == "particles do not agree"
-    plot_num_particles(TIMES, counts, ax=ax)
-    assert len(ax.collections) == 1
-
-
-@pytest.mark.parametrize(
-    ("counts", "agreed", "message"),
-    [
-        (np.ones(2, int), None, "2 counts for 3 stamps"),
-        (np.ones(3, int), np.ones(2, bool), "2 agreements for 3 stamps"),
-    ],
-)
-def test_bad_numbers_of_particles_are_one_clear_line(ax, counts, agreed, message):
-    with pytest.raises(ValueError, match=message):
-        plot_num_particles(TIMES, counts, agreed, ax)
 
 
 def test_bad_ess_is_one_clear_line(ax):

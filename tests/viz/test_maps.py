@@ -5,18 +5,9 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from jaxslam.core.types import LidarScan
-from jaxslam.viz import plot_covariance, plot_map, plot_particles, plot_scan, plot_trajectory, plot_walls
-
-
-@pytest.fixture
-def ax() -> Axes:
-    figure = Figure(figsize=(4, 4), dpi=50)
-    FigureCanvasAgg(figure)
-    return figure.subplots()
+from jaxslam.viz import plot_map, plot_particles, plot_scan, plot_trajectory, plot_walls
 
 
 def rendered(ax: Axes, dpi: float = 50) -> np.ndarray:
@@ -185,31 +176,6 @@ def test_scan_points_lie_where_the_beams_end(ax):
     np.testing.assert_allclose(ax.lines[0].get_xydata(), [[1.0, 1.5]], atol=1e-6)
     with pytest.raises(ValueError, match="pose_world_base is"):
         plot_scan(scan, np.array([np.nan, 0, 0]), ax)
-
-
-def test_covariance_ellipse_has_the_axes_of_the_matrix(ax):
-    cos, sin = np.cos(0.4), np.sin(0.4)
-    turn = np.array([[cos, -sin], [sin, cos]])
-    covariance = np.eye(3)
-    covariance[:2, :2] = turn @ np.diag([0.25, 0.04]) @ turn.T
-    plot_covariance(np.array([2.0, 1.0, 0.0]), covariance, ax)
-    (ellipse,) = ax.patches
-    # Diameters are 2 × 3 σ.
-    assert (ellipse.width, ellipse.height) == pytest.approx((3.0, 1.2))
-    assert ellipse.angle % 180 == pytest.approx(np.rad2deg(0.4))
-    assert ellipse.center == (2.0, 1.0)
-    assert ellipse.get_label() == "3 σ"
-    # The axes grew to hold it: its half width is at least the minor half axis.
-    assert ax.get_xlim()[0] < 2.0 - 0.6 < 2.0 + 0.6 < ax.get_xlim()[1]
-
-
-def test_covariances_come_in_batches_and_are_checked(ax):
-    plot_covariance(POSES, np.stack([np.eye(3)] * 3), ax, num_sigmas=1.0)
-    assert [patch.get_label() for patch in ax.patches] == ["1 σ", "_nolegend_", "_nolegend_"]
-    with pytest.raises(ValueError, match="eigenvalue -1"):
-        plot_covariance(POSES[0], np.diag([1.0, -1.0, 1.0]), ax)
-    with pytest.raises(ValueError, match="not finite"):
-        plot_covariance(POSES[0], np.full((3, 3), np.nan), ax)
 
 
 def test_walls_are_lines_from_end_to_end(ax):

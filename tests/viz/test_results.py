@@ -6,7 +6,6 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
 from jaxslam.grid import GridSpec
 from jaxslam.io.map_server import read_map
 from jaxslam.pipeline.inputs import PreparedScans
@@ -16,32 +15,7 @@ from jaxslam.sim.worlds.halls import hall_small
 from jaxslam.slam import StepInfo
 from jaxslam.viz import plot_run
 from jaxslam.viz.raster import UNKNOWN_GRAY
-
-
-def scans_of(count: int) -> PreparedScans:
-    """Stamps alone, of scans that were all processed."""
-    stamps, index = np.arange(float(count)), np.arange(count)
-    inputs = StepInputs(
-        OdometryIncrement(jnp.zeros((count, 3)), jnp.zeros((count, 3, 3)), jnp.ones(count)),
-        LidarScan(
-            jnp.ones((count, 5)),
-            jnp.ones((count, 5), bool),
-            jnp.zeros(count),
-            jnp.ones(count),
-            jnp.zeros((count, 3)),
-        ),
-    )
-    return PreparedScans(
-        inputs,
-        np.zeros(3),
-        stamps,
-        index,
-        index,
-        stamps,
-        np.zeros((count, 3)),
-        np.zeros((2, 3))[:, :2],
-        count,
-    )
+from tests.builders import inputs_of
 
 
 @pytest.fixture
@@ -50,8 +24,10 @@ def result() -> RunResult:
     log_odds = np.zeros((10, 40), np.int8)
     log_odds[4], log_odds[6] = -10, 60
     path = np.stack([np.linspace(1.0, 3.0, 4), np.full(4, 0.45), np.zeros(4)], axis=1)
+    stamps, index = np.arange(4.0), np.arange(4)
+    inputs = inputs_of(np.zeros((4, 3)), np.ones((4, 5)))
     return RunResult(
-        scans=scans_of(4),
+        scans=PreparedScans(inputs, path[0], stamps, index, index, stamps, path, np.zeros((2, 2)), 4),
         trajectory=path,
         all_poses=path,
         log_odds=log_odds,
@@ -71,11 +47,8 @@ def result() -> RunResult:
     )
 
 
-def test_map_path_and_particles_lie_on_each_other(result):
-    figure = Figure(figsize=(4, 3), dpi=50)
-    FigureCanvasAgg(figure)
-    ax = figure.subplots()
-    assert plot_run(result, ax, label="mine") is ax
+def test_map_path_and_particles_lie_on_each_other(result, ax):
+    assert plot_run(result, ax) is ax
     # Known rows 4 to 6 of 10 cm and half a meter round them, as far as the map goes.
     assert ax.images[0].get_extent() == pytest.approx((0.0, 4.0, 0.0, 1.0))
     np.testing.assert_array_equal(ax.lines[0].get_xydata(), result.trajectory[:, :2])
@@ -84,14 +57,9 @@ def test_map_path_and_particles_lie_on_each_other(result):
     # The heavy particle is the darker one.
     assert dots.get_alpha()[0] > dots.get_alpha()[1]
     assert len(ticks.get_segments()) == 2
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["mine", "start", "end", "particles"]
-    figure.canvas.draw()
-
-
-def test_the_legend_can_be_left_to_the_figure(result):
-    ax = Figure().subplots()
-    plot_run(result, ax, legend=False)
-    assert ax.get_legend() is None
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert labels == ["estimate", "start", "end", "particles"]
+    ax.figure.canvas.draw()
 
 
 def test_a_result_draws_itself_with_the_truth(result):

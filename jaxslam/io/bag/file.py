@@ -4,40 +4,17 @@ Messages are decoded by the standard definitions, not by the definitions in the 
 here never changed, and a bag with other, undecodable types stays readable.
 """
 
-import struct
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any
 
 from jaxslam.io.bag.topics import TRANSFORMS
+from jaxslam.io.files import read_head
 from jaxslam.io.log import LogError
 
 ROS1_MAGIC = b"#ROSBAG"
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 SQLITE_MAGIC = b"SQLite format 3"
-
-# Errors from decoding damaged bytes, besides the error types of rosbags and its decompressors.
-_DAMAGE = (
-    ValueError,
-    LookupError,
-    TypeError,
-    AttributeError,
-    AssertionError,
-    ArithmeticError,
-    EOFError,
-    OSError,
-    MemoryError,
-    RuntimeError,
-    struct.error,
-)
-
-
-class BagMessage(NamedTuple):
-    """A decoded message and its time of receipt, seconds."""
-
-    content: Any
-    received: float
 
 
 class BagFile:
@@ -66,7 +43,6 @@ class BagFile:
                 f"{path}: reading bags needs the rosbags package: pip install 'jaxslam[cli]'"
             ) from None
         self.path = path
-        self._errors = _DAMAGE + _package_errors()
         self._is_ros1 = _check_path(path)
         self._typestore = get_typestore(Stores.ROS1_NOETIC if self._is_ros1 else Stores.ROS2_HUMBLE)
         if TRANSFORMS not in self._typestore.types:  # As in rosbags' definitions of ROS 1.
@@ -75,32 +51,23 @@ class BagFile:
         try:
             self._reader = Reader1(path) if self._is_ros1 else Reader2(path)
             self._reader.open()
-        except self._errors as error:
+        except Exception as error:  # rosbags and its decompressors raise errors of many types.
             raise self._damaged(error) from None
         self._connections = list(self._reader.connections)
-        self.topics = self._count_topics()
+        self.topics: dict[str, tuple[str, int]] = {}
+        for connection in sorted(self._connections, key=lambda connection: connection.topic):
+            _, count = self.topics.get(connection.topic, ("", 0))
+            # Several nodes may publish one topic over several connections.
+            self.topics[connection.topic] = (connection.msgtype, count + connection.msgcount)
 
     def __enter__(self) -> "BagFile":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self._reader.close()
 
-    def _count_topics(self) -> dict[str, tuple[str, int]]:
-        topics: dict[str, tuple[str, int]] = {}
-        for connection in sorted(self._connections, key=lambda connection: connection.topic):
-            _, count = topics.get(connection.topic, ("", 0))
-            # Several nodes may publish one topic over several connections.
-            topics[connection.topic] = (connection.msgtype, count + connection.msgcount)
-        return topics
-
-    def messages(self, topic: str) -> Iterator[BagMessage]:
-        """Yield the decoded messages of a topic in the order of receipt.
+    def messages(self, topic: str) -> Iterator[tuple[Any, float]]:
+        """Yield the decoded messages of a topic, each with its time of receipt in seconds.
 
         Raises:
             LogError: the bag is damaged, or the topic's type differs from the standard definition.
@@ -111,31 +78,22 @@ class BagFile:
             for connection in self._connections
             if connection.topic == topic and connection.msgtype == kind
         ]
-        for connection in connections:
-            self._check_definition(connection.topic, kind, connection.digest)
-        decode = self._typestore.deserialize_ros1 if self._is_ros1 else self._typestore.deserialize_cdr
-        source = self._reader.messages(connections=connections)
-        while True:
-            try:
-                _, received, data = next(source)
-                content = decode(data, kind)
-            except StopIteration:
-                return
-            except self._errors as error:
-                raise self._damaged(error) from None
-            yield BagMessage(content, received * 1e-9)
-
-    def _check_definition(self, topic: str, kind: str, digest: str) -> None:
-        standard = (
-            self._typestore.generate_msgdef(kind)[1] if self._is_ros1 else self._typestore.hash_rihs01(kind)
-        )
-        if digest and digest not in ("*", standard):
+        if self._is_ros1:
+            decode, standard = self._typestore.deserialize_ros1, self._typestore.generate_msgdef(kind)[1]
+        else:
+            decode, standard = self._typestore.deserialize_cdr, self._typestore.hash_rihs01(kind)
+        if any(connection.digest not in (None, "", "*", standard) for connection in connections):
             raise LogError(
                 f"{self.path}: topic '{topic}' has another definition of {kind} than ROS: "
                 "convert the bag, or choose another topic"
             )
+        try:
+            for _, received, data in self._reader.messages(connections=connections):
+                yield decode(data, kind), received * 1e-9
+        except Exception as error:
+            raise self._damaged(error) from None
 
-    def _damaged(self, error: BaseException) -> LogError:
+    def _damaged(self, error: Exception) -> LogError:
         reason = " ".join(str(error).split()) or type(error).__name__
         repair = "rosbag reindex" if self._is_ros1 else "mcap recover (or ros2 bag reindex)"
         return LogError(
@@ -146,8 +104,6 @@ class BagFile:
 
 def _check_path(path: Path) -> bool:
     """Return whether the path is a ROS 1 bag; raise `LogError` if it is not a bag."""
-    if not path.exists():
-        raise LogError(f"{path}: no such file")
     if path.is_dir():
         if not (path / "metadata.yaml").is_file():
             raise LogError(
@@ -155,11 +111,7 @@ def _check_path(path: Path) -> bool:
                 ".mcap or .db3 file itself, or make metadata.yaml with 'ros2 bag reindex'"
             )
         return False
-    try:
-        with path.open("rb") as stream:
-            head = stream.read(16)
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror}") from None
+    head = read_head(path)
     if not head:
         raise LogError(f"{path}: is empty")
     if head.startswith(ROS1_MAGIC):
@@ -170,27 +122,3 @@ def _check_path(path: Path) -> bool:
                 raise LogError(f"{path}: is a ROS 2 bag of kind {suffix}: rename it to *{suffix}")
             return False
     raise LogError(f"{path}: is not a bag: expected a ROS 1 .bag, a ROS 2 .mcap or .db3, or a bag folder")
-
-
-def _package_errors() -> tuple[type[BaseException], ...]:
-    """Return the error types of rosbags and of the packages it uses to decompress and query."""
-    import importlib
-
-    names = (
-        ("rosbags.rosbag1", "ReaderError"),
-        ("rosbags.rosbag2", "ReaderError"),
-        ("rosbags.serde", "SerdeError"),
-        ("rosbags.typesys", "TypesysError"),
-        ("compression.zstd", "ZstdError"),
-        ("backports.zstd", "ZstdError"),
-        ("zstandard", "ZstdError"),
-        ("apsw", "Error"),
-        ("sqlite3", "Error"),
-    )
-    errors = []
-    for module, name in names:
-        try:
-            errors.append(getattr(importlib.import_module(module), name))
-        except (ImportError, AttributeError):  # Which modules exist depends on the installed versions.
-            continue
-    return tuple(errors)

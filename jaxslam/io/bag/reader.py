@@ -1,8 +1,6 @@
 """Reader for ROS bags: ROS 1 `.bag`, ROS 2 `.mcap` and `.db3`, and ROS 2 bag folders."""
 
-from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -10,7 +8,6 @@ from jaxslam.io.bag import topics as kinds
 from jaxslam.io.bag.file import BagFile
 from jaxslam.io.bag.topics import choose_topic
 from jaxslam.io.bag.tracks import (
-    TimedMessages,
     common_frame,
     fix_track,
     imu_track,
@@ -22,11 +19,12 @@ from jaxslam.io.bag.tracks import (
 from jaxslam.io.bag.transforms import (
     TILT_WARNING,
     PlanarMounting,
-    TransformTree,
+    Tree,
+    find_pose,
     planar_mounting,
     transform_matrix,
 )
-from jaxslam.io.log import LogError, SensorLog
+from jaxslam.io.log import LogError, SensorLog, list_counts
 
 
 def read_bag(
@@ -80,18 +78,34 @@ def read_bag(
             kind: in_order(path, topic, list(bag.messages(topic)), warnings) for kind, topic in chosen.items()
         }
         tree = _transform_tree(bag, warnings)
-        counts = {topic: count for topic, (_, count) in bag.topics.items()}
-    return _assemble(path, chosen, timed, tree, warnings, counts)
+    counts = {topic: count for topic, (_, count) in bag.topics.items()}
+
+    base_frames = ["base_link", "base_footprint"]
+    odometry = imu = joints = fixes = scans = None
+    if messages := timed.get(kinds.ODOMETRY):
+        odometry = odometry_track(messages, warnings)
+        child = common_frame(m.child_frame_id for m in messages.contents)
+        base_frames = [frame for frame in (child, *base_frames) if frame]
+    if messages := timed.get(kinds.IMU):
+        pose = find_pose(tree, base_frames, common_frame(m.header.frame_id for m in messages.contents))
+        imu = imu_track(messages, None if pose is None else pose[:3, :3])
+    if messages := timed.get(kinds.JOINT):
+        joints = joint_track(messages)
+    if messages := timed.get(kinds.FIX):
+        fixes = fix_track(messages, warnings)
+    if messages := timed.get(kinds.SCAN):
+        frame = common_frame(m.header.frame_id for m in messages.contents)
+        scans = scan_track(messages, _lidar_mounting(tree, base_frames, frame, warnings), warnings)
+    return SensorLog(path, odometry, imu, joints, fixes, scans, tuple(warnings), counts)
 
 
 def _choose_topics(bag: BagFile, wanted: dict[str, str | None], warnings: list[str]) -> dict[str, str]:
+    """Return the topic of each message type that the bag has."""
     chosen = {}
     for kind, name in wanted.items():
-        topic, warning = choose_topic(bag.path, bag.topics, kind, name)
+        topic = choose_topic(bag.path, bag.topics, kind, name, warnings)
         if topic is not None:
             chosen[kind] = topic
-        if warning is not None:
-            warnings.append(warning)
     if not chosen:
         found = sorted({kind for kind, count in bag.topics.values() if count})
         raise LogError(
@@ -101,83 +115,35 @@ def _choose_topics(bag: BagFile, wanted: dict[str, str | None], warnings: list[s
     known = {*wanted, kinds.TRANSFORMS}
     unknown = {topic: count for topic, (kind, count) in bag.topics.items() if kind not in known and count}
     if unknown:
-        listed = ", ".join(f"{topic} ({count})" for topic, count in unknown.items())
-        warnings.append(f"topics of types that are not used: {listed}")
+        warnings.append(f"topics of types that are not used: {list_counts(unknown)}")
     return chosen
 
 
-def _transform_tree(bag: BagFile, warnings: list[str]) -> TransformTree:
-    names = [
-        topic
+def _transform_tree(bag: BagFile, warnings: list[str]) -> Tree:
+    transforms = [
+        transform
         for topic, (kind, count) in bag.topics.items()
         if kind == kinds.TRANSFORMS and count and topic.endswith("tf_static")
+        for message, _ in bag.messages(topic)
+        for transform in message.transforms
     ]
-    parents = {}
-    bad = 0
-    for transform in _transforms(bag, names):
-        translation, rotation = transform.transform.translation, transform.transform.rotation
-        try:
-            matrix = transform_matrix(
-                np.array([translation.x, translation.y, translation.z]),
-                np.array([rotation.x, rotation.y, rotation.z, rotation.w]),
-            )
-        except ValueError:
+    parents, bad = {}, 0
+    for transform in transforms:
+        matrix = transform_matrix(transform.transform)
+        if matrix is None:
             bad += 1
-            continue
-        child = transform.child_frame_id.lstrip("/")
-        parents[child] = (transform.header.frame_id.lstrip("/"), matrix)
+        else:
+            child = transform.child_frame_id.lstrip("/")
+            parents[child] = (transform.header.frame_id.lstrip("/"), matrix)
     if bad:
         warnings.append(f"{bad} static transforms are not rigid motions: skipped")
-    return TransformTree(parents)
-
-
-def _transforms(bag: BagFile, names: Iterable[str]) -> Iterable[Any]:
-    for name in names:
-        for message in bag.messages(name):
-            yield from message.content.transforms
-
-
-def _assemble(
-    path: Path,
-    chosen: dict[str, str],
-    timed: dict[str, TimedMessages],
-    tree: TransformTree,
-    warnings: list[str],
-    counts: dict[str, int],
-) -> SensorLog:
-    base_frames = ["base_link", "base_footprint"]
-    odometry = imu = joints = fixes = scans = None
-    if kinds.ODOMETRY in timed:
-        track = timed[kinds.ODOMETRY]
-        odometry = odometry_track(track, chosen[kinds.ODOMETRY], warnings)
-        child = common_frame(track.contents, child=True)
-        base_frames = [frame for frame in (child, *base_frames) if frame]
-    if kinds.IMU in timed:
-        track = timed[kinds.IMU]
-        pose = _find_mounting(tree, base_frames, common_frame(track.contents))
-        imu = imu_track(track, chosen[kinds.IMU], None if pose is None else pose[:3, :3])
-    if kinds.JOINT in timed:
-        joints = joint_track(timed[kinds.JOINT], chosen[kinds.JOINT])
-    if kinds.FIX in timed:
-        fixes = fix_track(timed[kinds.FIX], chosen[kinds.FIX], warnings)
-    if kinds.SCAN in timed:
-        track, topic = timed[kinds.SCAN], chosen[kinds.SCAN]
-        mounting = _lidar_mounting(tree, base_frames, common_frame(track.contents), warnings)
-        scans = scan_track(track, topic, mounting, warnings)
-    return SensorLog(path, odometry, imu, joints, fixes, scans, tuple(warnings), counts)
-
-
-def _find_mounting(tree: TransformTree, base_frames: Iterable[str], sensor_frame: str) -> np.ndarray | None:
-    if not sensor_frame:
-        return None
-    poses = (tree.find(base, sensor_frame) for base in base_frames)
-    return next((pose for pose in poses if pose is not None), None)
+    return parents
 
 
 def _lidar_mounting(
-    tree: TransformTree, base_frames: list[str], frame: str, warnings: list[str]
+    tree: Tree, base_frames: list[str], frame: str, warnings: list[str]
 ) -> PlanarMounting | None:
-    pose = _find_mounting(tree, base_frames, frame)
+    pose = find_pose(tree, base_frames, frame)
     if pose is None:
         warnings.append(
             f"no static transform from {' or '.join(dict.fromkeys(base_frames))} to the lidar's "

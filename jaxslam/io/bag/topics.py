@@ -4,7 +4,7 @@ import difflib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from jaxslam.io.log import LogError
+from jaxslam.io.log import LogError, list_counts
 
 SCAN = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -24,8 +24,8 @@ _USUAL_NAMES: dict[str, Sequence[str]] = {
 
 
 def choose_topic(
-    path: Path, topics: Mapping[str, tuple[str, int]], kind: str, wanted: str | None
-) -> tuple[str | None, str | None]:
+    path: Path, topics: Mapping[str, tuple[str, int]], kind: str, wanted: str | None, warnings: list[str]
+) -> str | None:
     """Pick the topic of one message type.
 
     Args:
@@ -34,50 +34,36 @@ def choose_topic(
         kind: the message type.
         wanted: name of a topic, with or without the leading slash; None chooses a topic with a usual
             name, else the topic with most messages.
+        warnings: list to which the topics that are not used are appended.
 
     Returns:
-        The topic, None if no topic of that type has a message; and a warning if there are several, else
-        None.
+        The topic; None if no topic of that type has a message.
 
     Raises:
         LogError: the wanted topic is missing, has another type or has no message.
     """
     filled = {name: count for name, (type_, count) in topics.items() if type_ == kind and count}
     if wanted is not None:
-        return _named_topic(path, topics, kind, filled, wanted), None
+        name = next((name for name in (wanted, f"/{wanted}") if name in topics), None)
+        if name is not None and name in filled:
+            return name
+        if name is None:
+            nearest = difflib.get_close_matches(wanted, filled or topics, n=1, cutoff=0.0)
+            fault = f"no topic '{wanted}'" + (f", did you mean '{nearest[0]}'?" if nearest else "")
+        elif topics[name][0] == kind:
+            fault = f"topic '{name}' has no messages"
+        else:
+            fault = f"topic '{name}' is {_short(topics[name][0])}, not {_short(kind)}"
+        raise LogError(f"{path}: {fault}: {_short(kind)} topics here: {list_counts(filled) or 'none'}")
     if not filled:
-        return None, None
+        return None
     usual = [name for name in _USUAL_NAMES[kind] if name in filled]
     chosen = usual[0] if usual else max(filled, key=lambda name: (filled[name], name))
-    if len(filled) == 1:
-        return chosen, None
-    others = _listed({name: count for name, count in filled.items() if name != chosen})
-    return chosen, f"{chosen} chosen as {_short(kind)} of {len(filled)} topics; not used: {others}"
-
-
-def _named_topic(
-    path: Path,
-    topics: Mapping[str, tuple[str, int]],
-    kind: str,
-    filled: Mapping[str, int],
-    wanted: str,
-) -> str:
-    name = next((name for name in (wanted, f"/{wanted}") if name in topics), None)
-    if name is not None and name in filled:
-        return name
-    if name is None:
-        nearest = difflib.get_close_matches(wanted, filled or topics, n=1, cutoff=0.0)
-        fault = f"no topic '{wanted}'" + (f", did you mean '{nearest[0]}'?" if nearest else "")
-    elif topics[name][0] == kind:
-        fault = f"topic '{name}' has no messages"
-    else:
-        fault = f"topic '{name}' is {_short(topics[name][0])}, not {_short(kind)}"
-    raise LogError(f"{path}: {fault}: {_short(kind)} topics here: {_listed(filled) or 'none'}")
+    if len(filled) > 1:
+        others = list_counts({name: count for name, count in filled.items() if name != chosen})
+        warnings.append(f"{chosen} chosen as {_short(kind)} of {len(filled)} topics; not used: {others}")
+    return chosen
 
 
 def _short(kind: str) -> str:
     return kind.replace("/msg/", "/")
-
-
-def _listed(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{name} ({count})" for name, count in sorted(counts.items()))

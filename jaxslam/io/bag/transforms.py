@@ -1,63 +1,59 @@
 """Static transforms of a robot: the mounting of a sensor, from the tree of `/tf_static`."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping
+from operator import attrgetter
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
+
+Tree = Mapping[str, tuple[str, Float64[np.ndarray, "4 4"]]]
+"""Parent frame and pose of the child in it, by child frame."""
 
 # Tilt at which a lidar no longer measures in the plane of the map.
 TILT_WARNING = np.deg2rad(5.0)
 
 
-def transform_matrix(
-    translation: Float64[np.ndarray, "3"], quaternion: Float64[np.ndarray, "4"]
-) -> Float64[np.ndarray, "4 4"]:
-    """Return the homogeneous matrix of a translation (meters) and a quaternion x, y, z, w of any norm.
+xyz = attrgetter("x", "y", "z")
+xyzw = attrgetter("x", "y", "z", "w")
 
-    Raises:
-        ValueError: the quaternion is zero or a value is not finite.
-    """
+
+def transform_matrix(transform: Any) -> Float64[np.ndarray, "4 4"] | None:
+    """Return the homogeneous matrix of a `geometry_msgs/Transform`, None if it is not a rigid motion."""
     from scipy.spatial.transform import Rotation  # Slow to import, and only bags need it.
 
-    norm = float(np.linalg.norm(quaternion))
+    translation, quaternion = np.array(xyz(transform.translation)), np.array(xyzw(transform.rotation))
+    norm = np.linalg.norm(quaternion)
     if not np.isfinite(translation).all() or not np.isfinite(norm) or norm < 1e-6:
-        raise ValueError(f"not a rigid transform: translation {translation}, quaternion {quaternion}")
+        return None
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
     matrix[:3, 3] = translation
     return matrix
 
 
-@dataclass(frozen=True)
-class TransformTree:
-    """Frames and their parents.
+def find_pose(parents: Tree, base_frames: Iterable[str], frame: str) -> Float64[np.ndarray, "4 4"] | None:
+    """Return the pose `[4, 4]` of `frame` in the first base frame connected to it, or None."""
+    if not frame:
+        return None
+    root, pose_root = _pose_in_root(parents, frame)
+    for base_frame in base_frames:
+        base_root, pose_root_base = _pose_in_root(parents, base_frame)
+        if base_root == root:
+            return np.linalg.solve(pose_root_base, pose_root)
+    return None
 
-    Attributes:
-        parents: parent frame and pose `[4, 4]` of the child in it, by child frame.
-    """
 
-    parents: Mapping[str, tuple[str, Float64[np.ndarray, "4 4"]]] = field(default_factory=dict)
-
-    def find(self, frame_a: str, frame_b: str) -> Float64[np.ndarray, "4 4"] | None:
-        """Return the pose `[4, 4]` of `frame_b` in `frame_a`, or None if the tree does not connect them."""
-        root_a, pose_root_a = self._to_root(frame_a)
-        root_b, pose_root_b = self._to_root(frame_b)
-        if root_a != root_b:
-            return None
-        return np.linalg.solve(pose_root_a, pose_root_b)
-
-    def _to_root(self, frame: str) -> tuple[str, Float64[np.ndarray, "4 4"]]:
-        pose = np.eye(4)
-        visited = {frame}
-        while frame in self.parents:
-            frame, pose_parent_child = self.parents[frame]
-            pose = pose_parent_child @ pose
-            if frame in visited:  # A loop is not a tree; stop where it closes.
-                break
-            visited.add(frame)
-        return frame, pose
+def _pose_in_root(parents: Tree, frame: str) -> tuple[str, Float64[np.ndarray, "4 4"]]:
+    pose = np.eye(4)
+    visited = {frame}
+    while frame in parents:
+        frame, pose_parent_child = parents[frame]
+        pose = pose_parent_child @ pose
+        if frame in visited:  # A loop is not a tree; stop where it closes.
+            break
+        visited.add(frame)
+    return frame, pose
 
 
 class PlanarMounting(NamedTuple):

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
@@ -20,15 +19,8 @@ _MOUNTING_TOLERANCE = np.array([0.005, 0.005, 0.005])
 _MOUNTING_SHARE = 0.9
 
 
-class BeamAngles(NamedTuple):
-    """Angle of the first beam and between neighboring beams, radians, lidar frame."""
-
-    minimum: float
-    increment: float
-
-
-def beam_angles(message: LaserMessage, parameters: Mapping[str, str]) -> BeamAngles:
-    """Return the beam geometry of one scan.
+def beam_angles(message: LaserMessage, parameters: Mapping[str, str]) -> tuple[float, float]:
+    """Return the angle of the first beam and between neighboring beams of one scan, radians, lidar frame.
 
     `RAWLASER1` and `ROBOTLASER1` contain it. `FLASER` does not: its n beams are spread symmetrically
     over the field of view `PARAM laser_front_laser_fov` (degrees, default 180°). The step is
@@ -40,13 +32,13 @@ def beam_angles(message: LaserMessage, parameters: Mapping[str, str]) -> BeamAng
     """
     count = message.ranges.size
     if math.isfinite(message.start):
-        return BeamAngles(message.start, _exact_step(message.fov, message.step, count))
+        return message.start, _exact_step(message.fov, message.step, count)
     fov = math.radians(_number(parameters, "laser_front_laser_fov", 10.0, 360.0) or 180.0)
     step = fov / max(count - 1 if count % 2 else count, 1)
     resolution = math.radians(_number(parameters, "laser_front_laser_resolution", 0.01, 45.0) or 0)
     if resolution and abs(resolution * count - fov) <= 1.01 * resolution:
         step = resolution
-    return BeamAngles(-fov / 2, step)
+    return -fov / 2, step
 
 
 def _exact_step(fov: float, step: float, count: int) -> float:
@@ -71,15 +63,13 @@ def maximum_range(
     messages: Sequence[LaserMessage],
     ranges: Float64[np.ndarray, "T B"],
     parameters: Mapping[str, str],
-) -> tuple[float, str | None]:
+    warnings: list[str],
+) -> float:
     """Return the range in meters from which a reading is no return.
 
     It is the smallest of the message field, `PARAM robot_front_laser_max`, and the saturated reading in
     the data (`saturated_reading`). If none of these exists, it is the full scale of a SICK LMS that
-    covers every reading (8.18 or 81.8 m), with a warning.
-
-    Returns:
-        The range, and a warning or None.
+    covers every reading (8.18 or 81.8 m), and a warning is appended.
     """
     named = [message.range_max for message in messages if message.range_max > 0]
     candidates = [max(named)] if named else []
@@ -87,21 +77,23 @@ def maximum_range(
     saturated = saturated_reading(ranges)
     candidates += [value for value in (parameter, saturated) if value is not None]
     if candidates:
-        return min(candidates), None
+        return min(candidates)
     largest = np.max(ranges, where=np.isfinite(ranges), initial=0.0)
     scales = [(SICK_CODES[0][0] - 0.5) * unit for unit in (1e-3, 1e-2)]
-    guess = next((scale for scale in scales if scale > largest), float("inf"))
-    return guess, (
+    guess = next((scale for scale in scales if scale > largest), math.inf)
+    warnings.append(
         f"the lidar's maximum range is not in the log: {guess:g} m assumed, "
         f"the largest reading is {largest:.2f} m"
     )
+    return guess
 
 
 def mounting(
     pose_robot: Float64[np.ndarray, "T 3"],
     pose_laser: Float64[np.ndarray, "T 3"],
     parameters: Mapping[str, str],
-) -> tuple[Float64[np.ndarray, "3"], bool, str | None]:
+    warnings: list[str],
+) -> tuple[Float64[np.ndarray, "3"], bool]:
     """Return the pose of the lidar in the robot's frame.
 
     It is the median of laser ⊖ robot over the scans if the poses differ, by the same offset in nine of
@@ -112,11 +104,11 @@ def mounting(
         pose_robot: `[T, 3]` odometry pose of every scan, NaN if the message has none.
         pose_laser: `[T, 3]` laser pose of every scan in the same frame.
         parameters: the log's `PARAM` values.
+        warnings: list to which a line is appended if the offsets are inconsistent.
 
     Returns:
-        The pose `[3]`, whether it is known from the log, and a warning or None.
+        The pose `[3]`, and whether it is known from the log.
     """
-    warning = None
     given = np.isfinite(pose_robot).all(axis=1) & np.isfinite(pose_laser).all(axis=1)
     if given.any():
         offsets = se2.relative(pose_robot[given], pose_laser[given])
@@ -125,20 +117,20 @@ def mounting(
         spread[:, 2] = np.abs(se2.wrap(offsets[:, 2] - center[2]))
         consistent = np.mean((spread <= _MOUNTING_TOLERANCE).all(axis=1)) >= _MOUNTING_SHARE
         if consistent and np.abs(center).max() > 1e-4:
-            return np.round(center, 6), True, None  # The precision of a log.
+            return np.round(center, 6), True  # The precision of a log.
         if not consistent:
-            warning = (
+            warnings.append(
                 "the scans' laser and robot poses do not differ by a fixed mounting "
                 "(poses corrected afterwards?): not used for the mounting"
             )
     offset = _number(parameters, "robot_frontlaser_offset", -10.0, 10.0)
     if offset is None:
-        return np.zeros(3), False, warning
+        return np.zeros(3), False
     side = _number(parameters, "robot_frontlaser_side_offset", -10.0, 10.0) or 0.0
     angle = _number(parameters, "robot_frontlaser_angular_offset", -360.0, 360.0) or 0.0
     if abs(angle) > math.pi:  # CARMEN adds radians; a larger number can only be degrees.
         angle = math.radians(angle)
-    return np.array([offset, side, angle]), True, warning
+    return np.array([offset, side, angle]), True
 
 
 def _median_pose(poses: Float64[np.ndarray, "T 3"]) -> Float64[np.ndarray, "3"]:

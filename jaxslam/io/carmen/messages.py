@@ -5,10 +5,10 @@ Format: http://carmen.sourceforge.net/logger_playback.html
 """
 
 import gzip
+import math
 import re
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -16,11 +16,11 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from jaxtyping import Float64
 
+from jaxslam.io.files import GZIP_MAGIC, read_head
 from jaxslam.io.log import LogError
 
-_GZIP_MAGIC = b"\x1f\x8b"
 _NAME = re.compile(rb"[A-Z][A-Z0-9_]*")
-_NO_POSE = (float("nan"),) * 3
+_NO_POSE = (math.nan,) * 3
 _STAMP_FIELDS = 3  # ipc stamp, host, logger stamp
 
 
@@ -48,14 +48,14 @@ class LaserMessage(NamedTuple):
 
     line: int
     ranges: Float64[np.ndarray, "B"]
-    start: float
-    fov: float
-    step: float
-    range_max: float
-    pose_laser: tuple[float, ...]
-    pose_robot: tuple[float, ...]
-    velocities: tuple[float, ...]
     stamp: MessageStamps
+    start: float = math.nan
+    fov: float = math.nan
+    step: float = math.nan
+    range_max: float = math.nan
+    pose_laser: tuple[float, ...] = _NO_POSE
+    pose_robot: tuple[float, ...] = _NO_POSE
+    velocities: tuple[float, ...] = (math.nan, math.nan)
 
 
 @dataclass
@@ -87,13 +87,13 @@ def read_messages(path: Path) -> CarmenContent:
     """
     if path.is_dir():
         raise LogError(f"{path}: is a folder: give the log file itself")
-    if not path.exists():
-        raise LogError(f"{path}: no such file")
     content = CarmenContent()
     number = 0
     try:
         with _open(path) as stream:
-            for number, line in enumerate(_text_lines(path, stream), start=1):
+            for number, line in enumerate(stream, start=1):
+                if b"\0" in line:
+                    raise LogError(f"{path}: is not a text file: a CARMEN log has one message a line")
                 _read_line(content, number, line)
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         scans = sum(len(messages) for messages in content.lasers.values())
@@ -111,16 +111,7 @@ def read_messages(path: Path) -> CarmenContent:
 
 
 def _open(path: Path) -> gzip.GzipFile | BinaryIO:
-    with path.open("rb") as stream:
-        compressed = stream.read(2) == _GZIP_MAGIC
-    return gzip.open(path, "rb") if compressed else path.open("rb")
-
-
-def _text_lines(path: Path, stream: Iterable[bytes]) -> Iterator[bytes]:
-    for line in stream:
-        if b"\0" in line:
-            raise LogError(f"{path}: is not a text file: a CARMEN log has one message a line")
-        yield line
+    return gzip.open(path, "rb") if read_head(path).startswith(GZIP_MAGIC) else path.open("rb")
 
 
 def _read_line(content: CarmenContent, number: int, line: bytes) -> None:
@@ -139,8 +130,7 @@ def _read_line(content: CarmenContent, number: int, line: bytes) -> None:
         elif name == "ODOM":
             content.odometry.append(_parse_odometry(number, fields))
         elif name in _LASER_PARSERS:
-            message = _LASER_PARSERS[name](number, fields)
-            content.lasers.setdefault(name, []).append(message)
+            content.lasers.setdefault(name, []).append(_LASER_PARSERS[name](number, fields))
     except (ValueError, IndexError):
         content.damaged.append(number)
         content.cut_at_end = not line.endswith(b"\n")
@@ -186,35 +176,24 @@ def _parse_flaser(number: int, fields: list[bytes]) -> LaserMessage:
     ranges, end = _readings(fields, 1)
     _expect(fields, end + 6 + _STAMP_FIELDS)
     poses = _finite(fields[end : end + 6])
-    nan = float("nan")
-    return LaserMessage(number, ranges, nan, nan, nan, nan, poses[:3], poses[3:], (nan, nan), _stamp(fields))
+    return LaserMessage(number, ranges, _stamp(fields), pose_laser=poses[:3], pose_robot=poses[3:])
 
 
-def _parse_raw_laser(number: int, fields: list[bytes]) -> LaserMessage:
-    """Parse `RAWLASER1 type start fov step max accuracy remission_mode n r… m s…`."""
+def _parse_raw_laser(number: int, fields: list[bytes], num_more: int = 0) -> LaserMessage:
+    """Parse `RAWLASER1 type start fov step max accuracy remission_mode n r… m s…`, then `num_more` fields."""
     ranges, end = _readings(fields, 8)
     _, end = _readings(fields, end)
-    _expect(fields, end + _STAMP_FIELDS)
+    _expect(fields, end + num_more + _STAMP_FIELDS)
     start, fov, step, range_max = _finite(fields[2:6])
-    velocities = (float("nan"), float("nan"))
-    return LaserMessage(
-        *(number, ranges, start, fov, step, range_max),
-        *(_NO_POSE, _NO_POSE, velocities, _stamp(fields)),
-    )
+    return LaserMessage(number, ranges, _stamp(fields), start, fov, step, range_max)
 
 
 def _parse_robot_laser(number: int, fields: list[bytes]) -> LaserMessage:
     """Parse RAWLASER1 fields, then `laser_pose robot_pose tv rv forward_safety side_safety turn_axis`."""
-    ranges, end = _readings(fields, 8)
-    _, end = _readings(fields, end)
-    _expect(fields, end + 6 + 5 + _STAMP_FIELDS)
-    start, fov, step, range_max = _finite(fields[2:6])
-    poses = _finite(fields[end : end + 6])
-    velocities = _finite(fields[end + 6 : end + 8])
-    return LaserMessage(
-        *(number, ranges, start, fov, step, range_max),
-        *(poses[:3], poses[3:], velocities, _stamp(fields)),
-    )
+    message = _parse_raw_laser(number, fields, num_more=11)
+    first = len(fields) - _STAMP_FIELDS - 11
+    values = _finite(fields[first : first + 8])
+    return message._replace(pose_laser=values[:3], pose_robot=values[3:6], velocities=values[6:])
 
 
 _LASER_PARSERS = {

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64
 
 from jaxslam.io.carmen.geometry import RANGE_MIN, beam_angles, maximum_range, mounting
-from jaxslam.io.carmen.messages import CarmenContent, LaserMessage, OdometryMessage, read_messages
-from jaxslam.io.carmen.time import choose_clock, merge_odometry, message_stamps
-from jaxslam.io.log import LogError, OdometryTrack, ScanTrack, SensorLog
-from jaxslam.io.ranges import clean_ranges
-from jaxslam.io.stamps import backward_steps, sorting_order, spread_repeats
+from jaxslam.io.carmen.messages import CarmenContent, LaserMessage, read_messages
+from jaxslam.io.carmen.time import Message, choose_clock, is_still, merge_odometry, message_stamps
+from jaxslam.io.log import LogError, OdometryTrack, ScanTrack, SensorLog, list_counts, select_rows
+from jaxslam.io.ranges import clean_ranges, pad_ranges
+from jaxslam.io.stamps import sorting_order, spread_repeats
 
 # In order of preference: messages with odometry and geometry, with odometry only, with geometry only.
 _LASER_NAMES = ("ROBOTLASER1", "FLASER", "RAWLASER1")
@@ -44,21 +44,22 @@ def read_carmen(path: str | Path) -> SensorLog:
     content = read_messages(path)
     warnings: list[str] = []
     name = _choose_laser(content)
+    _check_content(path, content)
     lasers = content.lasers.get(name, [])
-    _check_content(path, content, len(lasers))
-    clock = choose_clock(str(path), (content.odometry, lasers))
-    _warn(warnings, clock.warning)
+    clock = choose_clock(path, (content.odometry, lasers), warnings)
+    lasers, laser_stamps = _sort_scans(lasers, clock, name, warnings)
+    scans = _scan_track(lasers, laser_stamps, content.parameters, name, warnings) if lasers else None
 
-    lasers, laser_stamps = _sort_scans(lasers, clock.name, name, warnings)
-    scans = _scan_track(lasers, laser_stamps, content.parameters, name, warnings)
-    odometry = _odometry_track(content.odometry, lasers, laser_stamps, clock.name, name, warnings)
+    poses = _poses(lasers, "robot")
+    from_scans = OdometryTrack(laser_stamps, poses, _twists(lasers, poses), name)
+    from_scans = select_rows(from_scans, np.isfinite(poses).all(axis=1))
+    stamps = message_stamps(content.odometry, clock)
+    poses = np.array([message.pose for message in content.odometry], dtype=np.float64).reshape(-1, 3)
+    from_lines = OdometryTrack(stamps, poses, _twists(content.odometry, poses), "ODOM")
+    from_lines = select_rows(from_lines, sorting_order(stamps, "ODOM", warnings))
+    odometry = merge_odometry(from_lines, from_scans, warnings)
     _warn_about_lines(content, name, warnings)
     return SensorLog(path, odometry, scans=scans, warnings=tuple(warnings), topics=dict(content.counts))
-
-
-def _warn(warnings: list[str], warning: str | None) -> None:
-    if warning is not None:
-        warnings.append(warning)
 
 
 def _choose_laser(content: CarmenContent) -> str:
@@ -67,7 +68,7 @@ def _choose_laser(content: CarmenContent) -> str:
     return next((name for name in _LASER_NAMES if counts[name] > enough), _LASER_NAMES[0])
 
 
-def _check_content(path: Path, content: CarmenContent, num_scans: int) -> None:
+def _check_content(path: Path, content: CarmenContent) -> None:
     good = len(content.odometry) + sum(len(messages) for messages in content.lasers.values())
     if good == 0 or len(content.damaged) > good:
         where = f", the first in line {content.damaged[0]}" if content.damaged else ""
@@ -83,12 +84,9 @@ def _warn_about_lines(content: CarmenContent, used: str, warnings: list[str]) ->
         warnings.append(
             f"{len(content.damaged)} damaged lines skipped, the first is line {content.damaged[0]}{end}"
         )
-    unused = {
-        name: count for name, count in content.counts.items() if name not in ("ODOM", "PARAM", used) and count
-    }
+    unused = {name: count for name, count in content.counts.items() if name not in ("ODOM", "PARAM", used)}
     if unused:
-        listed = ", ".join(f"{name} ({count})" for name, count in sorted(unused.items()))
-        warnings.append(f"messages not used: {listed}")
+        warnings.append(f"messages not used: {list_counts(unused)}")
 
 
 def _sort_scans(
@@ -98,7 +96,7 @@ def _sort_scans(
     if len(filled) < len(lasers):
         warnings.append(f"{len(lasers) - len(filled)} {name} lines without beams skipped")
     stamps = message_stamps(filled, clock)
-    order = _sorted_rows(stamps, name, warnings)
+    order = sorting_order(stamps, name, warnings)
     filled, stamps = [filled[row] for row in order], stamps[order]
     keep = [row for row in range(len(filled)) if row == 0 or not _same(filled[row - 1], filled[row])]
     if len(keep) < len(filled):
@@ -117,36 +115,20 @@ def _same(first: LaserMessage, second: LaserMessage) -> bool:
     )
 
 
-def _sorted_rows(stamps: Float64[np.ndarray, "M"], name: str, warnings: list[str]) -> Int64[np.ndarray, "M"]:
-    steps = backward_steps(stamps)
-    if steps.num_backward:
-        warnings.append(
-            f"{steps.num_backward} {name} stamps run back by up to {steps.largest:.3f} s: sorted by time"
-        )
-    return sorting_order(stamps)
-
-
 def _scan_track(
     lasers: Sequence[LaserMessage],
     stamps: Float64[np.ndarray, "T"],
     parameters: dict[str, str],
     name: str,
     warnings: list[str],
-) -> ScanTrack | None:
-    if not lasers:
-        return None
-    num_beams = np.array([message.ranges.size for message in lasers], dtype=np.int64)
-    ranges = np.full((len(lasers), int(num_beams.max())), np.nan)
-    for row, message in zip(ranges, lasers, strict=True):
-        row[: message.ranges.size] = message.ranges
+) -> ScanTrack:
+    ranges, num_beams = pad_ranges([message.ranges for message in lasers])
     present = np.arange(ranges.shape[1]) < num_beams[:, None]
     bad = int(np.count_nonzero(present & ~(np.isfinite(ranges) & (ranges >= 0))))
     if bad:
         warnings.append(f"{bad} readings are negative or not finite: taken as no return")
-    range_max, warning = maximum_range(lasers, ranges, parameters)
-    _warn(warnings, warning)
-    pose, known, warning = mounting(_poses(lasers, "robot"), _poses(lasers, "laser"), parameters)
-    _warn(warnings, warning)
+    range_max = maximum_range(lasers, ranges, parameters, warnings)
+    pose, known = mounting(_poses(lasers, "robot"), _poses(lasers, "laser"), parameters, warnings)
     angles = np.array([beam_angles(message, parameters) for message in lasers])
     cleaned = clean_ranges(ranges, RANGE_MIN, range_max)
     if not np.isfinite(cleaned).any():
@@ -170,33 +152,10 @@ def _poses(lasers: Sequence[LaserMessage], whose: str) -> Float64[np.ndarray, "T
     return np.array(poses, dtype=np.float64).reshape(-1, 3)
 
 
-def _odometry_track(
-    lines: Sequence[OdometryMessage],
-    lasers: Sequence[LaserMessage],
-    laser_stamps: Float64[np.ndarray, "T"],
-    clock: str,
-    name: str,
-    warnings: list[str],
-) -> OdometryTrack | None:
-    stamps = message_stamps(lines, clock)
-    order = _sorted_rows(stamps, "ODOM", warnings)
-    poses = np.array([message.pose for message in lines], dtype=np.float64).reshape(-1, 3)
-    from_lines = (stamps[order], poses[order], _twists(lines, poses)[order])
-    scan_poses = _poses(lasers, "robot")
-    given = np.isfinite(scan_poses).all(axis=1)
-    from_scans = (laser_stamps[given], scan_poses[given], _twists(lasers, scan_poses)[given])
-    track, warning = merge_odometry(from_lines, from_scans, name)
-    _warn(warnings, warning)
-    return track
-
-
-def _twists(
-    messages: Sequence[OdometryMessage] | Sequence[LaserMessage], poses: Float64[np.ndarray, "M 3"]
-) -> Float64[np.ndarray, "M 3"]:
+def _twists(messages: Sequence[Message], poses: Float64[np.ndarray, "M 3"]) -> Float64[np.ndarray, "M 3"]:
     """Return base-frame velocities; NaN if all fields are zero although the robot moves."""
-    velocities = np.array([message.velocities for message in messages], dtype=np.float64)
-    velocities = velocities.reshape(-1, 2)
-    if velocities.size and not velocities.any() and not (poses == poses[0]).all():
+    velocities = np.array([message.velocities for message in messages], dtype=np.float64).reshape(-1, 2)
+    if velocities.size and not velocities.any() and not is_still(poses):
         velocities[:] = np.nan
     side = np.where(np.isnan(velocities[:, 0]), np.nan, 0.0)
     return np.stack([velocities[:, 0], side, velocities[:, 1]], axis=1)

@@ -1,7 +1,7 @@
 """The clock of a CARMEN log, and one odometry track from its ODOM lines and its scans."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float64
@@ -9,8 +9,8 @@ from jaxtyping import Float64
 from jaxslam.core import se2
 from jaxslam.core.trajectory import interpolate_poses
 from jaxslam.io.carmen.messages import LaserMessage, OdometryMessage
-from jaxslam.io.log import LogError, OdometryTrack
-from jaxslam.io.stamps import MAX_BACKWARD_S, backward_steps
+from jaxslam.io.log import LogError, OdometryTrack, select_rows
+from jaxslam.io.stamps import MAX_BACKWARD_S, largest_step_back
 
 Message = LaserMessage | OdometryMessage
 
@@ -19,20 +19,13 @@ Message = LaserMessage | OdometryMessage
 _AGREEMENT = (0.005, 0.005)
 
 
-class ClockChoice(NamedTuple):
-    """The chosen stamp of the messages, `ipc` or `logger`, and a warning or None."""
-
-    name: str
-    warning: str | None
-
-
 def message_stamps(messages: Sequence[Message], clock: str) -> Float64[np.ndarray, "M"]:
     """Stamp `[M]` in seconds by one of the two clocks, `ipc` or `logger`."""
     return np.array([getattr(message.stamp, clock) for message in messages], dtype=np.float64)
 
 
-def choose_clock(path: str, streams: Sequence[Sequence[Message]]) -> ClockChoice:
-    """Choose the clock of a log: the ipc stamp unless it is unusable.
+def choose_clock(path: Path, streams: Sequence[Sequence[Message]], warnings: list[str]) -> str:
+    """Choose the clock of a log, `ipc` or `logger`: the ipc stamp unless it is unusable.
 
     The ipc stamp is the time of the measurement, on the clock of the measuring computer, and
     ground-truth relations use it. The logger stamp is the time of arrival, with jitter. The logger
@@ -42,6 +35,7 @@ def choose_clock(path: str, streams: Sequence[Sequence[Message]]) -> ClockChoice
     Args:
         path: for the error message.
         streams: messages by kind, odometry and scans; empty ones are ignored.
+        warnings: list to which a line is appended if the logger stamp is used.
 
     Raises:
         LogError: neither clock is usable; the message has the line of the jump.
@@ -57,9 +51,10 @@ def choose_clock(path: str, streams: Sequence[Sequence[Message]]) -> ClockChoice
         if np.ptp(skews) > MAX_BACKWARD_S:
             ipc_fault = f"the odometry's and the scans' clocks are {np.ptp(skews):.1f} s apart"
     if ipc_fault is None:
-        return ClockChoice("ipc", None)
+        return "ipc"
     if logger_fault is None:
-        return ClockChoice("logger", f"logger stamps used: {ipc_fault}")
+        warnings.append(f"logger stamps used: {ipc_fault}")
+        return "logger"
     raise LogError(f"{path}: no usable time stamps: {ipc_fault}: cut the log there or stamp it again")
 
 
@@ -68,18 +63,13 @@ def _fault(streams: Sequence[Sequence[Message]], clock: str) -> str | None:
         stamps = message_stamps(messages, clock)
         if stamps.size > 1 and np.ptp(stamps) == 0:
             return f"all {clock} stamps are {stamps[0]:g}"
-        steps = backward_steps(stamps)
-        if steps.largest > MAX_BACKWARD_S:
-            line = messages[steps.row].line
-            return f"{clock} stamps run back by {steps.largest:.1f} s at line {line}"
+        largest, row = largest_step_back(stamps)
+        if largest > MAX_BACKWARD_S:
+            return f"{clock} stamps run back by {largest:.1f} s at line {messages[row].line}"
     return None
 
 
-def merge_odometry(
-    lines: tuple[Float64[np.ndarray, "M"], Float64[np.ndarray, "M 3"], Float64[np.ndarray, "M 3"]],
-    scans: tuple[Float64[np.ndarray, "T"], Float64[np.ndarray, "T 3"], Float64[np.ndarray, "T 3"]],
-    scan_name: str,
-) -> tuple[OdometryTrack | None, str | None]:
+def merge_odometry(lines: OdometryTrack, scans: OdometryTrack, warnings: list[str]) -> OdometryTrack | None:
     """Merge ODOM lines and the poses stored with the scans into one odometry track.
 
     The pose stored with a scan is the best estimate of the robot's pose at its stamp, because CARMEN
@@ -90,67 +80,60 @@ def merge_odometry(
     never change but the ODOM lines do, the scans have no odometry, and only the ODOM lines are used.
 
     Args:
-        lines: stamps `[M]` (sorted), poses `[M, 3]` and twists `[M, 3]` of the ODOM lines.
-        scans: the same of the scans with a pose.
-        scan_name: message name of the scans.
+        lines: track of the ODOM lines, possibly empty, with sorted stamps.
+        scans: track of the poses stored with the scans, likewise.
+        warnings: list to which a line is appended if one of the two is left out.
 
     Returns:
-        The track, None if there is no pose at all; and a warning or None.
+        The track; None if there is no pose at all.
     """
-    lines, scans = _without_repeats(*lines), _without_repeats(*scans)
-    if scans[0].size == 0 and lines[0].size == 0:
-        return None, None
-    if scans[0].size == 0:
-        return OdometryTrack(*lines, topic="ODOM"), None
-    if lines[0].size == 0:
-        return OdometryTrack(*scans, topic=scan_name), None
-    if _still(scans[1]) and not _still(lines[1]):
-        return OdometryTrack(*lines, topic="ODOM"), (
-            f"the odometry poses in {scan_name} never change: ODOM lines used instead"
-        )
+    lines, scans = _without_repeats(lines), _without_repeats(scans)
+    if scans.stamps.size == 0:
+        return lines if lines.stamps.size else None
+    if lines.stamps.size == 0:
+        return scans
+    if is_still(scans.poses) and not is_still(lines.poses):
+        warnings.append(f"the odometry poses in {scans.topic} never change: ODOM lines used instead")
+        return lines
     distance = _disagreement(lines, scans)
     if distance is not None:
-        return OdometryTrack(*scans, topic=scan_name), (
+        warnings.append(
             f"ODOM lines left out: at the times of the scans they are {distance * 1000:.0f} mm "
-            f"(median) off the odometry poses in {scan_name}, which are used instead"
+            f"(median) off the odometry poses in {scans.topic}, which are used instead"
         )
-    keep = ~np.isin(lines[0], scans[0])
+        return scans
     # FLASER has no velocities: take them from the ODOM line with the same stamp.
-    _, in_lines, in_scans = np.intersect1d(lines[0], scans[0], return_indices=True)
-    scan_twists = scans[2].copy()
-    missing = np.isnan(scan_twists[in_scans])
-    scan_twists[in_scans] = np.where(missing, lines[2][in_lines], scan_twists[in_scans])
-    stamps = np.concatenate([lines[0][keep], scans[0]])
-    poses = np.concatenate([lines[1][keep], scans[1]])
-    twists = np.concatenate([lines[2][keep], scan_twists])
-    order = np.argsort(stamps, kind="stable")
-    topic = f"ODOM and {scan_name}"
-    return OdometryTrack(stamps[order], poses[order], twists[order], topic), None
+    _, in_lines, in_scans = np.intersect1d(lines.stamps, scans.stamps, return_indices=True)
+    twists = scans.twists.copy()
+    twists[in_scans] = np.where(np.isnan(twists[in_scans]), lines.twists[in_lines], twists[in_scans])
+    kept = select_rows(lines, ~np.isin(lines.stamps, scans.stamps))
+    merged = OdometryTrack(
+        np.concatenate([kept.stamps, scans.stamps]),
+        np.concatenate([kept.poses, scans.poses]),
+        np.concatenate([kept.twists, twists]),
+        f"{lines.topic} and {scans.topic}",
+    )
+    return select_rows(merged, np.argsort(merged.stamps, kind="stable"))
 
 
-def _without_repeats(
-    stamps: Float64[np.ndarray, "M"],
-    poses: Float64[np.ndarray, "M 3"],
-    twists: Float64[np.ndarray, "M 3"],
-) -> tuple[Float64[np.ndarray, "N"], Float64[np.ndarray, "N 3"], Float64[np.ndarray, "N 3"]]:
-    last = np.append(np.diff(stamps) > 0, True)[: stamps.size]
-    return stamps[last], poses[last], twists[last]
+def _without_repeats(track: OdometryTrack) -> OdometryTrack:
+    """Keep the last of the poses with the same stamp."""
+    return select_rows(track, np.append(np.diff(track.stamps) > 0, True)[: track.stamps.size])
 
 
-def _still(poses: Float64[np.ndarray, "M 3"]) -> bool:
+def is_still(poses: Float64[np.ndarray, "M 3"]) -> bool:
+    """Return whether all poses are the same."""
     return bool((poses == poses[0]).all())
 
 
-def _disagreement(
-    lines: tuple[Float64[np.ndarray, "M"], Float64[np.ndarray, "M 3"], Float64[np.ndarray, "M 3"]],
-    scans: tuple[Float64[np.ndarray, "T"], Float64[np.ndarray, "T 3"], Float64[np.ndarray, "T 3"]],
-) -> float | None:
+def _disagreement(lines: OdometryTrack, scans: OdometryTrack) -> float | None:
     """Return the median distance in meters between ODOM and scan poses if it is too large, else None."""
-    inside = (scans[0] >= lines[0][0]) & (scans[0] <= lines[0][-1])
-    moving = inside & np.append(False, (np.diff(scans[1], axis=0) != 0).any(axis=1))
+    inside = (scans.stamps >= lines.stamps[0]) & (scans.stamps <= lines.stamps[-1])
+    moving = inside & np.append(False, (np.diff(scans.poses, axis=0) != 0).any(axis=1))
     if not moving.any():
         return None
-    expected = interpolate_poses(lines[0], lines[1], scans[0][moving])
-    distance = float(np.median(np.linalg.norm(expected[:, :2] - scans[1][moving, :2], axis=1)))
-    rotation = float(np.median(np.abs(se2.wrap(expected[:, 2] - scans[1][moving, 2]))))
+    expected = interpolate_poses(lines.stamps, lines.poses, scans.stamps[moving])
+    difference = expected - scans.poses[moving]
+    distance = float(np.median(np.linalg.norm(difference[:, :2], axis=1)))
+    rotation = float(np.median(np.abs(se2.wrap(difference[:, 2]))))
     return distance if distance > _AGREEMENT[0] or rotation > _AGREEMENT[1] else None

@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass
 
-import jax
 import numpy as np
-from jaxtyping import Float64, PRNGKeyArray
+from jaxtyping import PRNGKeyArray
 
-from jaxslam.sim.worlds.world import World, walls
+from jaxslam.sim.worlds.world import Site, World, host_generator, walls
 
 _CLEAR = 1.5
 """Smallest distance of doors and pilasters from the corners, meters."""
@@ -35,14 +34,14 @@ class Corridor:
     pilaster: tuple[float, float] = (0.3, 0.6)
 
 
-def corridor_loop() -> tuple[World, Float64[np.ndarray, "W 2"]]:
+def corridor_loop() -> Site:
     """Build a corridor like the one of Jamaludin et al.: 43 × 16 m, a loop of 108 m."""
     return build_corridor("corridor_loop", Corridor(), np.random.default_rng(0))
 
 
-def random_corridor(key: PRNGKeyArray) -> tuple[World, Float64[np.ndarray, "W 2"]]:
+def random_corridor(key: PRNGKeyArray) -> Site:
     """Build a corridor of random size with random doors, to validate on worlds not used for tuning."""
-    rng = np.random.default_rng(np.asarray(jax.random.key_data(key)))
+    rng = host_generator(key)
     plan = Corridor(
         length=rng.uniform(32, 48),
         depth=rng.uniform(13, 20),
@@ -52,16 +51,8 @@ def random_corridor(key: PRNGKeyArray) -> tuple[World, Float64[np.ndarray, "W 2"
     return build_corridor("random_corridor", plan, rng)
 
 
-def build_corridor(
-    name: str, plan: Corridor, rng: np.random.Generator
-) -> tuple[World, Float64[np.ndarray, "W 2"]]:
-    """Build the world of a plan, and a tour once round it, from the middle of the lower side.
-
-    Args:
-        name: name of the world.
-        plan: dimensions of the corridor.
-        rng: random generator of doors and pilasters.
-    """
+def build_corridor(name: str, plan: Corridor, rng: np.random.Generator) -> Site:
+    """Build a plan with random doors and pilasters; the tour starts in the middle of the lower side."""
     floor = (plan.length, plan.depth)
     around = plan.width + plan.recess
     block = (plan.length - 2 * around, plan.depth - 2 * around)
@@ -82,8 +73,8 @@ def _openings(
 ) -> list[list[tuple[float, float]]]:
     """Return the openings of the four walls round a rectangle, as `walls` takes them."""
     sides = []
-    for length in (size[0], size[1], size[0], size[1]):
-        openings: list[tuple[float, float]] = []
+    for length in size * 2:
+        openings = []
         start = _CLEAR + rng.uniform(0.0, spacing[0])
         while start + width[1] < length - _CLEAR:
             opening = rng.uniform(*width)

@@ -1,34 +1,29 @@
 """The built-in worlds, each with the way-points of a drive through it.
 
-A builder returns `(world, waypoints)`: way-points `[W, 2]` in meters of a closed tour, which `drive` starts
-at the first one. To add a world, add its builder to `WORLDS`.
+`drive` starts at the first way-point. To add a world, add its builder to `WORLDS`.
 """
 
 import difflib
 from collections.abc import Callable
 from itertools import pairwise
 
-import jax
 import numpy as np
 from jaxtyping import Float64, PRNGKeyArray
 
 from jaxslam.sim.worlds.corridor import corridor_loop
 from jaxslam.sim.worlds.roadway import roadway
-from jaxslam.sim.worlds.world import World, box, disc, place, polyline, walls
+from jaxslam.sim.worlds.world import Site, World, box, disc, host_generator, polyline, walls
+
+_TOUR_OF_SIX_BLOCKS = "a0 c0 c3 a3 a0 a2 c2 c1 a1 a0 b0 b3 a3 a0 b0 b1 a1"
 
 
-def hall_small() -> tuple[World, Float64[np.ndarray, "W 2"]]:
+def hall_small() -> Site:
     """Build a factory hall of 18 × 15 m with machines, tanks and a cabin; the tour is 161 m, 195 s.
 
     Three bands of machines between four aisles, with rows of equal machines in two of them. The
     tour goes round the hall first (54 m, 61 s), then through the inner aisles in three more loops.
     """
-    niches = [
-        [(2.6, 2.4), (12.2, 1.6)],
-        [(6.6, 2.0)],
-        [(4.0, 1.2), (10.6, 2.4)],
-        [(2.2, 1.4)],
-    ]
+    niches = [[(2.6, 2.4), (12.2, 1.6)], [(6.6, 2.0)], [(4.0, 1.2), (10.6, 2.4)], [(2.2, 1.4)]]
     shapes = [
         walls((18.0, 15.0), 0.25, niches),
         # Lower band: a row of three equal machines, then a turned press, a tank and a cabinet.
@@ -56,15 +51,11 @@ def hall_small() -> tuple[World, Float64[np.ndarray, "W 2"]]:
         box((3.4, 14.5), (2.2, 0.5)),
         box((17.25, 14.25), (0.7, 0.7), angle=0.4),
     ]
-    tour = lattice_tour(
-        columns=[1.4, 8.8, 16.5],
-        rows=[1.4, 5.1, 9.2, 13.4],
-        junctions="a0 c0 c3 a3 a0 a2 c2 c1 a1 a0 b0 b3 a3 a0 b0 b1 a1",
-    )
+    tour = lattice_tour([1.4, 8.8, 16.5], [1.4, 5.1, 9.2, 13.4], _TOUR_OF_SIX_BLOCKS)
     return World.from_shapes("hall_small", shapes), tour
 
 
-def hall_large() -> tuple[World, Float64[np.ndarray, "W 2"]]:
+def hall_large() -> Site:
     """Build a factory hall of 24 × 23 m with machines, tanks, shelves, a cabin; tour 166 m, 191 s.
 
     Four bands of three blocks between five aisles, with the same row of machines three times. The
@@ -110,21 +101,18 @@ def hall_large() -> tuple[World, Float64[np.ndarray, "W 2"]]:
         box((11.6, 22.4), (3.0, 0.6)),
         box((0.95, 22.05), (0.9, 0.9), angle=0.5),
     ]
-    tour = lattice_tour(
-        columns=[1.6, 8.6, 15.6, 22.3],
-        rows=[1.6, 6.3, 11.4, 16.6, 21.3],
-        junctions="a0 d0 d4 a4 a0 a2 d2 d3 b3 b1 c1 c0",
-    )
+    junctions = "a0 d0 d4 a4 a0 a2 d2 d3 b3 b1 c1 c0"
+    tour = lattice_tour([1.6, 8.6, 15.6, 22.3], [1.6, 6.3, 11.4, 16.6, 21.3], junctions)
     return World.from_shapes("hall_large", shapes), tour
 
 
-def random_hall(key: PRNGKeyArray) -> tuple[World, Float64[np.ndarray, "W 2"]]:
+def random_hall(key: PRNGKeyArray) -> Site:
     """Build a random hall, 16–24 × 14–22 m, to validate on worlds not used for tuning.
 
     All keys give the same number of segments and way-points, so that all halls share one compiled
     simulation.
     """
-    rng = np.random.default_rng(np.asarray(jax.random.key_data(key)))
+    rng = host_generator(key)
     width, height = rng.uniform(16, 24), rng.uniform(14, 22)
     columns = np.array([1.5, width * rng.uniform(0.42, 0.58), width - 1.5])
     rows = np.linspace(1.5, height - 1.5, 4)
@@ -137,17 +125,16 @@ def random_hall(key: PRNGKeyArray) -> tuple[World, Float64[np.ndarray, "W 2"]]:
     for side in (0.0, width):
         for position in rng.uniform(1.0, height - 1.0, 3):
             shapes.append(box((abs(side - 0.4), position), (0.35, rng.uniform(0.3, 1.5))))
-    tour = lattice_tour(
-        columns=columns.tolist(),
-        rows=rows.tolist(),
-        junctions="a0 c0 c3 a3 a0 a2 c2 c1 a1 a0 b0 b3 a3 a0 b0 b1 a1",
-    )
-    # With mirroring, tours run in both directions.
-    shapes, tour = (shapes, tour) if rng.uniform() < 0.5 else _mirrored(shapes, tour, width)
+    tour = lattice_tour(columns.tolist(), rows.tolist(), _TOUR_OF_SIX_BLOCKS)
+    if rng.uniform() >= 0.5:
+        # Swap left and right, so that tours run in both directions.
+        sign, shift = np.array([-1.0, 1.0]), np.array([width, 0.0])
+        shapes = [shape * np.tile(sign, 2) + np.tile(shift, 2) for shape in shapes]
+        tour = tour * sign + shift
     return World.from_shapes("random_hall", shapes), tour
 
 
-WORLDS: dict[str, Callable[[], tuple[World, Float64[np.ndarray, "W 2"]]]] = {
+WORLDS: dict[str, Callable[[], Site]] = {
     "hall_small": hall_small,
     "hall_large": hall_large,
     "roadway": roadway,
@@ -155,7 +142,7 @@ WORLDS: dict[str, Callable[[], tuple[World, Float64[np.ndarray, "W 2"]]]] = {
 }
 
 
-def make_world(name: str) -> tuple[World, Float64[np.ndarray, "W 2"]]:
+def make_world(name: str) -> Site:
     """Return the built-in world of that name and its way-points `[W, 2]`.
 
     Raises:
@@ -173,17 +160,10 @@ def cabin(
     corner: tuple[float, float], size: tuple[float, float], *, door: tuple[float, float]
 ) -> Float64[np.ndarray, "_ 4"]:
     """Build a room whose lower wall has an open door, (start, width) from its left corner, meters."""
-    width, height = size
-    start, opening = door
-    outline = [
-        (start, 0.0),
-        (0.0, 0.0),
-        (0.0, height),
-        (width, height),
-        (width, 0.0),
-        (start + opening, 0.0),
-    ]
-    return polyline(place(np.array(outline), corner, 0.0))
+    (width, height), (start, opening) = size, door
+    corners = [(0.0, 0.0), (0.0, height), (width, height), (width, 0.0)]
+    outline = [(start, 0.0), *corners, (start + opening, 0.0)]
+    return polyline(np.array(outline) + np.asarray(corner))
 
 
 def row_of_boxes(
@@ -219,12 +199,3 @@ def _random_machines(
         chamfer = size.min() * rng.choice([0.03, 0.15, 0.29])
         machines.append(box(center, (size[0], size[1]), angle=angle, chamfer=chamfer))
     return machines
-
-
-def _mirrored(
-    shapes: list[Float64[np.ndarray, "_ 4"]], tour: Float64[np.ndarray, "W 2"], width: float
-) -> tuple[list[Float64[np.ndarray, "_ 4"]], Float64[np.ndarray, "W 2"]]:
-    """Return the same hall with left and right swapped."""
-    sign, shift = np.array([-1.0, 1.0]), np.array([width, 0.0])
-    turned = [shape * np.tile(sign, 2) + np.tile(shift, 2) for shape in shapes]
-    return turned, tour * sign + shift

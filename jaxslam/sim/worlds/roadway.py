@@ -1,12 +1,12 @@
 """A coal-mine roadway: two parallel drifts with few distinctive features, joined by cross-cuts."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
-import jax
 import numpy as np
 from jaxtyping import Float64, PRNGKeyArray
 
-from jaxslam.sim.worlds.world import World, box, polyline
+from jaxslam.sim.worlds.world import Site, World, box, host_generator, polyline
 
 
 @dataclass(frozen=True)
@@ -40,14 +40,14 @@ class Roadway:
     bend_length: float = 47.0
 
 
-def roadway() -> tuple[World, Float64[np.ndarray, "W 2"]]:
+def roadway() -> Site:
     """Build two drifts of 71 m with three cross-cuts and two dead ends; the loop is 166 m long."""
     return build_roadway("roadway", Roadway(), np.random.default_rng(0))
 
 
-def random_roadway(key: PRNGKeyArray) -> tuple[World, Float64[np.ndarray, "W 2"]]:
+def random_roadway(key: PRNGKeyArray) -> Site:
     """Build a roadway with a random plan and random walls, to validate on worlds not used for tuning."""
-    rng = np.random.default_rng(np.asarray(jax.random.key_data(key)))
+    rng = host_generator(key)
     length, width = rng.uniform(62, 80), rng.uniform(3.6, 4.6)
     middle = length * rng.uniform(0.4, 0.6)
     stub_below = middle * rng.uniform(0.35, 0.7)
@@ -66,22 +66,16 @@ def random_roadway(key: PRNGKeyArray) -> tuple[World, Float64[np.ndarray, "W 2"]
     return build_roadway("random_roadway", plan, rng)
 
 
-def build_roadway(
-    name: str, plan: Roadway, rng: np.random.Generator
-) -> tuple[World, Float64[np.ndarray, "W 2"]]:
-    """Build the world of a plan, and a tour once round the loop.
-
-    Args:
-        name: name of the world.
-        plan: dimensions of the roadway.
-        rng: random generator of the roughness.
-    """
+def build_roadway(name: str, plan: Roadway, rng: np.random.Generator) -> Site:
+    """Build a plan with random roughness and supports; the tour goes once round the loop."""
     half = plan.width / 2
-    outlines = [_outer(plan), *_pillars(plan)]
-    shapes = [polyline(_bent(plan, _rough(plan, rng, outline)), closed=True) for outline in outlines]
-    for x, y in _supports(plan):
-        (bent,) = _bent(plan, np.array([[x, y]]))
-        shapes.append(box((float(bent[0]), float(bent[1])), (0.16, 0.16), angle=rng.uniform(0.0, 1.5)))
+    shapes = []
+    for outline in [_outer(plan), *_pillars(plan)]:
+        corners = _subdivided(outline, plan.facet)
+        rough = corners + rng.uniform(-plan.roughness, plan.roughness, corners.shape)
+        shapes.append(polyline(_bent(plan, rough), closed=True))
+    for x, y in _bent(plan, _supports(plan)):
+        shapes.append(box((x, y), (0.16, 0.16), angle=rng.uniform(0.0, 1.5)))
     left, right = plan.cross_cuts[0], plan.cross_cuts[-1]
     corners = np.array([[left, 0.0], [right, 0.0], [right, plan.spacing], [left, plan.spacing]])
     tour = _bent(plan, _subdivided(corners, 6.0))
@@ -110,13 +104,11 @@ def _pillars(plan: Roadway) -> list[Float64[np.ndarray, "4 2"]]:
     """Return the outlines of the coal pillars between the cross-cuts."""
     half = plan.width / 2
     low, high = half, plan.spacing - half
-    pairs = zip(plan.cross_cuts[:-1], plan.cross_cuts[1:], strict=True)
-    return [
-        np.array([(a + half, low), (b - half, low), (b - half, high), (a + half, high)]) for a, b in pairs
-    ]
+    edges = [(before + half, after - half) for before, after in pairwise(plan.cross_cuts)]
+    return [np.array([(left, low), (right, low), (right, high), (left, high)]) for left, right in edges]
 
 
-def _supports(plan: Roadway) -> list[tuple[float, float]]:
+def _supports(plan: Roadway) -> Float64[np.ndarray, "_ 2"]:
     """Return the positions of the support legs: along both walls of both drifts, except at openings."""
     off_wall = plan.width / 2 - plan.roughness - 0.2
     legs = []
@@ -124,12 +116,11 @@ def _supports(plan: Roadway) -> list[tuple[float, float]]:
         for drift in (0.0, plan.spacing):
             for side in (-1, 1):
                 inner = (drift == 0.0) == (side > 0)
-                openings = (
-                    plan.cross_cuts if inner else [place for place, where in plan.stubs if where == side]
-                )
+                stubs = [place for place, where in plan.stubs if where == side]
+                openings = plan.cross_cuts if inner else stubs
                 if all(abs(x - opening) > plan.width / 2 + 0.3 for opening in openings):
-                    legs.append((float(x), drift + side * off_wall))
-    return legs
+                    legs.append((x, drift + side * off_wall))
+    return np.array(legs).reshape(-1, 2)
 
 
 def _subdivided(outline: Float64[np.ndarray, "P 2"], step: float) -> Float64[np.ndarray, "_ 2"]:
@@ -141,16 +132,7 @@ def _subdivided(outline: Float64[np.ndarray, "P 2"], step: float) -> Float64[np.
     return np.concatenate(points)
 
 
-def _rough(
-    plan: Roadway, rng: np.random.Generator, outline: Float64[np.ndarray, "P 2"]
-) -> Float64[np.ndarray, "_ 2"]:
-    """Return an outline in facets, with each corner moved at random."""
-    points = _subdivided(outline, plan.facet)
-    return points + rng.uniform(-plan.roughness, plan.roughness, points.shape)
-
-
 def _bent(plan: Roadway, points: Float64[np.ndarray, "P 2"]) -> Float64[np.ndarray, "P 2"]:
     """Bend the straight drifts of the plan."""
-    return points + np.stack(
-        [np.zeros(len(points)), plan.bend * np.sin(2 * np.pi * points[:, 0] / plan.bend_length)], axis=1
-    )
+    bend = plan.bend * np.sin(2 * np.pi * points[:, 0] / plan.bend_length)
+    return points + np.stack([np.zeros(len(points)), bend], axis=1)

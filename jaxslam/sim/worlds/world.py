@@ -5,9 +5,10 @@ is a function that combines shapes and returns `World.from_shapes(name, shapes)`
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Float64
+from jaxtyping import Array, Float, Float64, PRNGKeyArray
 
 
 class World(eqx.Module):
@@ -50,6 +51,15 @@ class World(eqx.Module):
         return points.min(axis=0), points.max(axis=0)
 
 
+Site = tuple[World, Float64[np.ndarray, "W 2"]]
+"""A world and the way-points `[W, 2]` of a closed tour through it, meters."""
+
+
+def host_generator(key: PRNGKeyArray) -> np.random.Generator:
+    """Return a NumPy generator that is seeded with a PRNG key."""
+    return np.random.default_rng(np.asarray(jax.random.key_data(key)))
+
+
 def polyline(points: Float64[np.ndarray, "P 2"], *, closed: bool = False) -> Float64[np.ndarray, "_ 4"]:
     """Return the segments `[P − 1, 4]` from point to point, or `[P, 4]` of the closed outline."""
     end = np.roll(points, -1, axis=0)
@@ -66,11 +76,7 @@ def place(
 
 
 def box(
-    center: tuple[float, float],
-    size: tuple[float, float],
-    *,
-    angle: float = 0.0,
-    chamfer: float = 0.0,
+    center: tuple[float, float], size: tuple[float, float], *, angle: float = 0.0, chamfer: float = 0.0
 ) -> Float64[np.ndarray, "_ 4"]:
     """Return a machine as a rectangle, `[4, 4]`, or with chamfered corners, `[8, 4]`.
 
@@ -131,35 +137,23 @@ def leg_clearances(
     start, end = waypoints[:, None], np.roll(waypoints, -1, axis=0)[:, None]
     first, second = segments[None, :, :2], segments[None, :, 2:]
     # Two segments that do not cross are nearest at an end point of one of them.
-    distances = np.minimum.reduce(
-        [
-            _point_segment_distance(first, start, end),
-            _point_segment_distance(second, start, end),
-            _point_segment_distance(start, first, second),
-            _point_segment_distance(end, first, second),
-        ]
-    )
-    crossing = (_side(first, start, end) * _side(second, start, end) < 0) & (
-        _side(start, first, second) * _side(end, first, second) < 0
-    )
+    distance_first, side_first = _distance_and_side(first, start, end)
+    distance_second, side_second = _distance_and_side(second, start, end)
+    distance_start, side_start = _distance_and_side(start, first, second)
+    distance_end, side_end = _distance_and_side(end, first, second)
+    crossing = (side_first * side_second < 0) & (side_start * side_end < 0)
+    distances = np.minimum.reduce([distance_first, distance_second, distance_start, distance_end])
     return np.where(crossing, 0.0, distances).min(axis=1)
 
 
-def _point_segment_distance(
+def _distance_and_side(
     point: Float64[np.ndarray, "_ _ 2"],
     start: Float64[np.ndarray, "_ _ 2"],
     end: Float64[np.ndarray, "_ _ 2"],
-) -> Float64[np.ndarray, "_ _"]:
-    along = end - start
-    fraction = ((point - start) * along).sum(axis=-1) / (along**2).sum(axis=-1)
-    nearest = start + np.clip(fraction, 0.0, 1.0)[..., None] * along
-    return np.linalg.norm(point - nearest, axis=-1)
-
-
-def _side(
-    point: Float64[np.ndarray, "_ _ 2"],
-    start: Float64[np.ndarray, "_ _ 2"],
-    end: Float64[np.ndarray, "_ _ 2"],
-) -> Float64[np.ndarray, "_ _"]:
+) -> tuple[Float64[np.ndarray, "_ _"], Float64[np.ndarray, "_ _"]]:
+    """Return the distance of points to segments, and a number that is positive to the left of a segment."""
     along, offset = end - start, point - start
-    return along[..., 0] * offset[..., 1] - along[..., 1] * offset[..., 0]
+    fraction = (offset * along).sum(axis=-1) / (along**2).sum(axis=-1)
+    nearest = start + np.clip(fraction, 0.0, 1.0)[..., None] * along
+    side = along[..., 0] * offset[..., 1] - along[..., 1] * offset[..., 0]
+    return np.linalg.norm(point - nearest, axis=-1), side

@@ -194,7 +194,7 @@ def test_mounting_heading_at_half_a_turn_is_a_circular_median(read):
 def test_jitter_is_sorted_and_counted(read):
     log = read(flaser(0.0, [1.0]), flaser(0.3, [3.0]), flaser(0.2, [2.0]), flaser(0.4, [4.0]))
     assert log.scans.ranges[:, 0].tolist() == [1, 2, 3, 4]
-    assert any("1 FLASER stamps run back by up to 0.100 s" in line for line in log.warnings)
+    assert any("FLASER: 1 stamps run back by up to 0.100 s" in line for line in log.warnings)
 
 
 def test_a_clock_that_is_set_back_is_an_error_with_its_line(read):

@@ -4,7 +4,8 @@ import jax
 import numpy as np
 import pytest
 
-from jaxslam.sim import Robot, corridor_loop, leg_clearances, make_world, random_corridor
+from jaxslam.sim import Robot, corridor_loop, make_world, random_corridor
+from jaxslam.sim.worlds.world import leg_clearances
 
 
 def test_it_is_as_large_as_the_papers():

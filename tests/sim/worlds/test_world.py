@@ -10,13 +10,13 @@ from jaxslam.sim import (
     disc,
     hall_large,
     hall_small,
-    leg_clearances,
     make_world,
     polyline,
     random_hall,
     random_roadway,
     roadway,
 )
+from jaxslam.sim.worlds.world import leg_clearances
 
 
 def segments_of(world: World) -> np.ndarray:

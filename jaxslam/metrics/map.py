@@ -193,7 +193,7 @@ def _free_on_cells_of(
 ) -> Bool[np.ndarray, "H W"]:
     """Return which reference cells have their center on a free cell of the estimate."""
     points = reference.centers(np.ones_like(reference.free))
-    local = se2.rotate_all(-pose[2], points - pose[:2])
+    local = se2.rotate(-pose[2], points - pose[:2])
     cells = np.floor((local - estimate.origin) / estimate.resolution).astype(np.int64)[:, ::-1]
     inside = ((cells >= 0) & (cells < estimate.free.shape)).all(axis=1)
     free = np.zeros(len(cells), bool)

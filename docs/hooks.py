@@ -17,6 +17,12 @@ from traitlets.config import Config
 
 ROOT = Path(__file__).resolve().parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+# A notebook links to files of the repository: pages of the site under another path, or not part of the site.
+_LINKS = {
+    r"\]\(\.\./docs/": "](../",
+    r"\]\((\w+)\.ipynb\)": r"](\1.md)",
+    r"\[([^]]+)\]\(\.\./experiments/[^)]+\)": r"\1",
+}
 _FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
 
 
@@ -65,6 +71,8 @@ def _render_notebook(path: Path) -> tuple[str, dict[str, bytes]]:
         ExecutePreprocessor(timeout=1800, kernel_name="python3").preprocess(notebook, context)
     notebook.metadata.language_info = {"name": "python"}  # of the code blocks; the files do not store it
     text, resources = exporter.from_notebook_node(notebook)
+    for link, here in _LINKS.items():
+        text = re.sub(link, here, text)
     return text, resources["outputs"]
 
 

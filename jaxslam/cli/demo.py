@@ -79,7 +79,7 @@ def execute(command: Demo, arguments: list[str]) -> None:
 
 
 def _compare(truth: "Truth", result: "RunResult") -> "tuple[MapLayer, dict[str, float | None]]":
-    """Return the true map on the cells of the estimated one, and the score of the estimate against it."""
+    """Return the true map on the cells of the estimated map, and the score of the estimated map."""
     import numpy as np
 
     from jaxslam.metrics import BinaryMap, map_score

@@ -35,8 +35,8 @@ def descriptions(tree: object) -> dict[str, str]:
 def update(tree: Tree, changes: Mapping[str, object], *, exact: bool = False) -> Tree:
     """Return a configuration with several scalars changed at once.
 
-    Choices (`proposal.kind`, or `proposal` for short) are applied first: a part of another class starts from
-    the defaults of that class, and the other changes may name its fields.
+    Choices (`proposal.kind`, or `proposal` for short) are applied first. A part of a new class starts from
+    the defaults of that class, so the other changes can name the fields of the new class.
 
     Args:
         tree: the configuration.
@@ -44,8 +44,8 @@ def update(tree: Tree, changes: Mapping[str, object], *, exact: bool = False) ->
         exact: require full names; otherwise names can be abbreviated to any unambiguous suffix.
 
     Raises:
-        ValueError: a name is unknown or ambiguous (the nearest is named), or a value has the wrong type, is
-            not finite, or is out of range.
+        ValueError: a name is unknown or ambiguous (the message suggests the closest match), or a value has
+            the wrong type, is not finite, or is out of range.
     """
     rest = dict(changes)
     while chosen := next(((name, full) for name in rest if (full := _choice(tree, name, exact))), None):
@@ -147,7 +147,7 @@ def _resolve(name: str, names: list[str], exact: bool) -> str:
         raise ValueError(f"{name!r} could be {', '.join(fits)}: give more of the name")
     raise ValueError(
         f"no setting is called {name!r}: did you mean {_nearest(name, names)!r}? "
-        "`jaxslam config` prints the settings of `run`, and `config.toml` in a run folder has all of that run"
+        "`jaxslam config` prints the settings of `run`; `config.toml` in a run folder has those of that run"
     )
 
 

@@ -33,7 +33,7 @@ def rotate(angle: Float[Any, "*#batch"], vector: Float[Any, "*#batch 2"]) -> Flo
 
 
 def compose(pose_a_b: Float[Any, "*#batch 3"], pose_b_c: Float[Any, "*#batch 3"]) -> Float[Any, "*batch 3"]:
-    """Return the pose of `c` in `a` from those of `b` in `a` and of `c` in `b` (⊕ in the literature).
+    """Return the pose of `c` in `a`, given the poses of `b` in `a` and of `c` in `b` (⊕ in the literature).
 
     Example:
         `compose([1, 0, π/2], [2, 0, 0])` is `[1, 2, π/2]`.

@@ -66,9 +66,9 @@ class EKF(eqx.Module):
     r"""Constant-velocity model with white acceleration noise.
 
     With `frame="world"` the rates are those of X and Y, and $x_{t+1} = x_t + [\Delta t\,I_3; 0](v_x, v_y,
-    \omega)^T$ (Liang et al. 8) is linear. With `frame="body"` they are along and across the robot. Rotating
-    them by the heading makes the filter an extended one, and allows v_y, which is zero for wheels without
-    slip, to be kept small.
+    \omega)^T$ (Liang et al. 8) is linear. With `frame="body"` they are along and across the robot. The
+    rotation by the heading then makes the filter an extended Kalman filter, and v_y, which is zero for wheels
+    without slip, can be kept small.
 
     Attributes:
         acceleration: spectral density of the acceleration along x, m/s² per √Hz.

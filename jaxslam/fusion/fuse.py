@@ -20,7 +20,8 @@ class FusedStep(eqx.Module):
     Attributes:
         mean: `[6]` the state after the event.
         variance: `[6]` the diagonal of its covariance.
-        delta: `[3]` at a query, the motion since the previous query, in the frame of the pose then.
+        delta: `[3]` at a query: motion since the previous query, in the frame of the pose at the previous
+            query.
         delta_covariance: `[3, 3]` of `delta`.
         accepted: whether the reading was used.
     """

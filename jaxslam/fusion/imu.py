@@ -58,7 +58,7 @@ def yaw_track(imu: ImuTrack, odometry: OdometryTrack | None, axis: str | None = 
 
     Args:
         imu: readings in the sensor's frame.
-        odometry: shows when the robot stood still, from which the gyro's bias is estimated; None: no bias.
+        odometry: shows when the robot stands still, to estimate the bias of the gyro; None for no bias.
         axis: the sensor's axis that points up, a name in `AXES`. None takes the axis from the log's
             mounting, else from gravity, else z.
 

@@ -24,10 +24,10 @@ class OdometerNoise(eqx.Module):
     """Noise of the odometry, e_odom(d), Liang et al. (9).
 
     Attributes:
-        speed: standard deviation of the forward speed, as a share of it.
+        speed: standard deviation of the forward speed, as a share of the speed.
         speed_floor: standard deviation of the forward speed at rest, m/s.
         lateral: standard deviation of the lateral speed, m/s, since wheels slip slightly sideways.
-        turning: standard deviation of the turning rate, as a share of it.
+        turning: standard deviation of the turning rate, as a share of the rate.
         turning_floor: standard deviation of the turning rate at rest, rad/s.
         position_per_meter: standard deviation of the position, m per √m driven.
         heading_per_meter: standard deviation of the heading, rad per √m driven.
@@ -104,8 +104,8 @@ def merge(
 ) -> Stream:
     """Merge sensor readings and queries into one stream.
 
-    The odometry's rates are computed from its poses, which every log has, and which outliers in a driver's
-    reported velocities do not affect.
+    The rates of the odometry are computed from its poses: every log has poses, and outliers in the velocities
+    that a driver reports do not affect them.
 
     Args:
         odometry: poses, or None.

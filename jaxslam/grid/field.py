@@ -37,7 +37,7 @@ class DistanceField(eqx.Module):
     radius: int = eqx.field(static=True)
 
     def squared_distance(self, points: Float[Array, "B 2"]) -> Float[Array, "B"]:
-        """Return the squared distance in m² of the cells that hold the points; truncated off the field."""
+        """Return the squared distance in m² at the points, by cell; off the field, the largest distance."""
         return self.look_up(points)[0]
 
     def centers(self, cells: Float[Array, "B 2"]) -> Float[Array, "B 2"]:
@@ -45,7 +45,7 @@ class DistanceField(eqx.Module):
         return (cells + 0.5) * self.resolution + self.origin[None, :]
 
     def look_up(self, points: Float[Array, "B 2"]) -> tuple[Float[Array, "B"], Bool[Array, "B"]]:
-        """Return the squared distance in m² at the points, and which lie in unseen space off obstacles."""
+        """Return the squared distance in m² at the points, and which are unseen and far from obstacles."""
         scale = 1.0 / self.resolution
         column = jnp.floor((points[:, 0] - self.origin[0]) * scale).astype(jnp.int32)
         row = jnp.floor((points[:, 1] - self.origin[1]) * scale).astype(jnp.int32)
@@ -95,8 +95,8 @@ class DistanceField(eqx.Module):
 
         Returns:
             Distance `[B]`, signed distance across the wall `[B]`, and the direction `[B, 2]` in which the
-            signed distance grows, whose length is the rate: the normal, or the field's gradient where the
-            normal is unknown. Distances are in cells, interpolated between cell centers.
+            signed distance grows, with the rate of growth as its length: the normal, or the gradient of the
+            field where the normal is unknown. Distances are in cells, interpolated between cell centers.
         """
         distance, slope_x, slope_y = self._interpolate(points[:, 0], points[:, 1])
         x, y = normals[:, 0], normals[:, 1]
@@ -108,7 +108,7 @@ class DistanceField(eqx.Module):
     def _interpolate(
         self, x: Float[Array, "B"], y: Float[Array, "B"]
     ) -> tuple[Float[Array, "B"], Float[Array, "B"], Float[Array, "B"]]:
-        """Return distances in cells and slopes, bilinear between cell centers; off the field, at its edge."""
+        """Return distances in cells and their slopes, bilinear between cell centers, clamped to the field."""
         scale = 1.0 / self.resolution
         column = jnp.clip((x - self.origin[0]) * scale - 0.5, 0.0, self.width - 1.01)
         row = jnp.clip((y - self.origin[1]) * scale - 0.5, 0.0, self.height - 1.01)
@@ -214,7 +214,7 @@ def _pairs(squared: UInt8[Array, "cells"], window: Int8[Array, "H W"], margin: i
 def field_of_map(
     occupied: Bool[Array, "H W"], origin: Float[Array, "2"], resolution: Float[Array, ""], radius: int
 ) -> Field:
-    """Return the distance fields of a map of any size, valid up to its edges and within their reach beyond.
+    """Return the distance fields of a map of any size, valid up to the truncation radius beyond its edges.
 
     The map is padded with free space: `prepare_field` discards some columns and rows at the sides and needs
     whole coarse cells, and a point just outside the map can still be near an obstacle at its edge.

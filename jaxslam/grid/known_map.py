@@ -20,8 +20,8 @@ class KnownMap(eqx.Module):
 
     Attributes:
         occupied: `[H, W]`, row 0 the lowest y of the map frame.
-        distance: `[H + 2, W + 2]` from a cell's center to the nearest obstacle's, meters, at most
-            `max_distance`; includes a border of one cell at `max_distance`.
+        distance: `[H + 2, W + 2]` distance between the centers of a cell and of the nearest obstacle, meters,
+            at most `max_distance`; includes a border of one cell at `max_distance`.
         free: `[M]` row-major indices of the free cells, where a robot can stand, ascending.
         resolution: side of a cell, meters.
         origin: `[3]` pose of the outer corner of cell (0, 0) in the world (m, m, rad).
@@ -99,7 +99,7 @@ class KnownMap(eqx.Module):
         return field_of_map(self.occupied, jnp.zeros(2, jnp.float32), self.resolution, MAX_RADIUS)
 
     def table(self, values: Float[Array, "height width"]) -> CellTable:
-        """Return a table of one value per cell; `values` has the shape of `distance`."""
+        """Return the table of `values`, one per cell, in the shape of `distance`."""
         height, width = self.shape
         return CellTable(values.reshape(-1), self.resolution, height, width)
 

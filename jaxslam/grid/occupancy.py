@@ -26,9 +26,9 @@ class OccupancyModel(eqx.Module):
 
     Attributes:
         hit: added where a beam ended, natural log-odds.
-        miss: added where a beam passed, natural log-odds (negative). With a ninth of `hit`, a cell stays an
-            obstacle while a tenth of the beams that reach it end there; beams that graze a wall or are
-            slightly misplaced would otherwise erase it.
+        miss: added where a beam passed, natural log-odds (negative). At a ninth of `hit`, a cell remains an
+            obstacle as long as a tenth of the beams that reach it end there. A larger value would let beams
+            that graze a wall or are slightly misplaced erase it.
         limit: log-odds are clamped to ±limit, so that later scans can still change a cell; ≤ 19.
         occupied_above: cells over this are obstacles to the matcher and the sensor model, log-odds.
         thinning_ratio: share of the log-odds of the strongest nearby cell that an obstacle needs, 0 to 1;
@@ -52,7 +52,7 @@ def quantize(log_odds: float | Float[Array, ""]) -> Int8[Array, ""]:
 
 
 def range_table(scan: LidarScan, resolution: Float[Array, ""], max_cells: int) -> Int16[Array, "n"]:
-    """Tabulate by bearing how far space is free, once for all particles.
+    """Tabulate the range of free space by bearing, once for all particles.
 
     Between two beams the shorter range is used: on a wall seen at a grazing angle, the longer one would
     mark part of the wall free.
@@ -76,7 +76,7 @@ def range_table(scan: LidarScan, resolution: Float[Array, ""], max_cells: int) -
 
 
 def _position_among_beams(scan: LidarScan) -> Float[Array, "n"]:
-    """Return the position of each bearing of the table among the beams, in beams, over a whole turn."""
+    """Return the unrounded index of the beam at each bearing of the table, over a whole turn."""
     bearing = jnp.arange(NUM_BEARINGS, dtype=jnp.float32) * (2 * np.pi / NUM_BEARINGS)
     direction, spacing = jnp.sign(scan.angle_increment), jnp.abs(scan.angle_increment)
     return jnp.mod((bearing - scan.angle_min) * direction, 2 * jnp.pi) / spacing

@@ -21,10 +21,10 @@ def cast(
 ) -> Float[Array, "B"]:
     """Return the distance from a lidar to where each beam enters the first occupied cell.
 
-    The method is sphere tracing. Far from obstacles a step is as long as the field guarantees to be free;
-    near them it goes to the next cell along the beam, so no cell is skipped, except at corners cut by less
-    than a thousandth of a cell. All beams step together until the last has ended, at most once per cell
-    that a line can cross.
+    The method is sphere tracing. Far from obstacles, a step covers the distance that the field guarantees to
+    be free. Near obstacles, a step goes to the next cell along the beam, so no cell is skipped, except at
+    corners cut by less than a thousandth of a cell. All beams step together until the last has ended, at most
+    once per cell that a line can cross.
 
     Args:
         field: of the map. Its outermost `radius` columns on either side are not read (`DistanceField`).
@@ -33,7 +33,7 @@ def cast(
         max_range: meters.
 
     Returns:
-        `[B]` meters; 0 if the lidar is in an occupied cell, `max_range` without a hit in range and field.
+        `[B]` meters; 0 if the lidar is in an occupied cell, `max_range` if nothing is hit in range and field.
 
     Example:
         With 1 m cells, the lidar in the center of a cell and the third cell to its right occupied, the range

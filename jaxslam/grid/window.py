@@ -65,7 +65,7 @@ def shift_to_scan(ends: Float[Array, "B 2"], resolution: Float[Array, ""], size:
 def inside_window(
     ends: Float[Array, "B 2"], resolution: Float[Array, ""], size: int, shift: Int[Array, "2"]
 ) -> Bool[Array, "B"]:
-    """Return which beams end on the window and off its outermost cells; arguments as for `shift_to_scan`."""
+    """Return which beams end inside the window's outermost cells; arguments as for `shift_to_scan`."""
     from_center = ends / resolution - shift[None, ::-1].astype(jnp.float32)
     return jnp.all(jnp.abs(from_center) < size // 2 - _EDGE, axis=1)
 

@@ -92,7 +92,7 @@ def write_map(
         free = occupancy_probability < free_threshold
     if outside.any():
         value = occupancy_probability[outside][0]
-        raise MapError(f"{path}: probability {value} is outside [0, 1]: log-odds l is 1/(1+exp(-l))")
+        raise MapError(f"{path}: probability {value} is outside [0, 1]: convert log-odds l by 1/(1+exp(-l))")
     pixels = np.full(occupancy_probability.shape, _UNKNOWN_PIXEL, dtype=np.uint8)
     pixels[occupied] = _OCCUPIED_PIXEL
     pixels[free] = _FREE_PIXEL

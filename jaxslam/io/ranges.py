@@ -41,11 +41,11 @@ def pad_ranges(
 def saturated_reading(ranges: Float64[np.ndarray, "T B"]) -> float | None:
     """Return the reading, in meters, from which a sensor of unknown maximum range reports no return.
 
-    There are two criteria, in this order. If the largest reading is a status code of the SICK LMS
-    (8.183 to 8.191 m, 81.83 to 81.91 m, and the same for 14 and 15 bits), the result is the smallest
-    code of that interval. If the largest reading is saturated, the result is that reading. It is
-    saturated if it appears several times per scan in three scans or more, and more often than all
-    readings in the 10 % below it; a farthest wall would also cause readings just below.
+    There are two criteria, in this order. If the largest reading is a status code of the SICK LMS (8.183 to
+    8.191 m, 81.83 to 81.91 m, and the same for 14 and 15 bits), the result is the smallest code of that
+    interval. If the largest reading is saturated, the result is that reading. It is saturated if it appears
+    several times per scan in three scans or more, and more often than all readings in the 10 % below it; the
+    farthest wall would also cause readings just below the largest.
 
     Args:
         ranges: `[T, B]` readings as recorded, NaN for no beam.

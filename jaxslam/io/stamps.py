@@ -20,12 +20,12 @@ def largest_step_back(stamps: Float64[np.ndarray, "M"]) -> tuple[float, int]:
 def sorting_order(stamps: Float64[np.ndarray, "M"], name: str, warnings: list[str]) -> Int64[np.ndarray, "M"]:
     """Return the row order that sorts the stamps; equal stamps keep the order of the file.
 
-    If stamps run back, a line about the messages called `name` is appended to `warnings`.
+    If stamps run backwards, a line about the messages called `name` is appended to `warnings`.
     """
     num_back = np.count_nonzero(stamps < np.maximum.accumulate(stamps))
     if num_back:
         largest, _ = largest_step_back(stamps)
-        warnings.append(f"{name}: {num_back} stamps run back by up to {largest:.3f} s: sorted by time")
+        warnings.append(f"{name}: {num_back} stamps run backwards by up to {largest:.3f} s: sorted by time")
     return np.argsort(stamps, kind="stable").astype(np.int64)
 
 

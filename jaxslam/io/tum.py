@@ -21,7 +21,7 @@ def write_tum(
     Args:
         path: file to write; an existing one is replaced.
         stamps: `[M]` seconds, written with microseconds.
-        poses: `[M, 3]` x m, y m, theta rad, written to a micrometer and 1e-9 in the quaternion.
+        poses: `[M, 3]` x m, y m, theta rad; written with 6 decimals, the quaternion with 9.
         comment: text for the head of the file; each line becomes a comment.
 
     Raises:

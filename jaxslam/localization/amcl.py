@@ -141,7 +141,7 @@ class AMCL(eqx.Module):
     max_particles: int = eqx.field(static=True, kw_only=True)
 
     def init(self, key: PRNGKeyArray, pose0: Float[Array, "3"], covariance: Float[Array, "3 3"]) -> AMCLState:
-        """Return particles around a start pose (m, m, rad, world frame); zero covariance puts all there."""
+        """Return particles around a start pose (m, m, rad, world frame); zero covariance: all at the pose."""
         factor = cholesky(covariance.astype(jnp.float32), jnp.full(3, 1e-12, jnp.float32))
         offsets = jax.random.normal(key, (self.max_particles, 3), jnp.float32) @ factor.T
         poses = pose0.astype(jnp.float32)[None] + offsets

@@ -62,7 +62,7 @@ class Clustering(eqx.Module):
     def around(
         self, poses: Float[Array, "N 3"], weights: Float[Array, "N"], start: Float[Array, "3"]
     ) -> Cluster:
-        """Return the cluster found from a start pose `[3]` in or near it, such as its heaviest particle.
+        """Return the cluster that mean shift finds from a start pose `[3]`, such as the heaviest particle.
 
         The weights are normalized, and 0 for unused particles; poses are in the world frame (m, m, rad).
         """

@@ -27,7 +27,7 @@ class Bins(eqx.Module):
 
     @classmethod
     def over(cls, map: KnownMap, translation: float, rotation: float) -> "Bins":
-        """Return bins of a side in meters, and a width in radians adjusted to divide the circle equally."""
+        """Return bins with a side in meters and a width in radians, adjusted to divide the circle equally."""
         height, width = map.shape
         resolution = float(map.resolution)
         return cls(
@@ -43,7 +43,7 @@ class Bins(eqx.Module):
         return self.num_headings * self.rows * self.columns
 
     def index(self, map: KnownMap, poses: Float[Array, "N 3"]) -> Int[Array, "N"]:
-        """Return the bin `[N]` of each pose `[N, 3]` (world frame); off the map, the bin at its edge."""
+        """Return the bin `[N]` of each pose `[N, 3]` (world frame), clamped to the map."""
         cells = map.to_cells(poses)
         scale = map.resolution / self.translation
         column = jnp.clip(jnp.floor(cells[:, 0] * scale), 0, self.columns - 1).astype(jnp.int32)
@@ -91,9 +91,9 @@ class KLDSampling(eqx.Module):
         return jnp.maximum(needed, self.min_particles)
 
     def num_needed(self, bins: Int[Array, "N"], num_bins: int) -> Int[Array, ""]:
-        """Return how many samples of a sequence suffice: the first n that meets the bound of its n samples.
+        """Return the smallest n that meets the bound computed from the first n samples.
 
-        The samples, of which `bins` `[N]` are the bins, were drawn independently in this order; `num_bins` is
+        `bins` `[N]` are the bins of the samples, which were drawn independently in this order; `num_bins` is
         the total number of bins (static). The result is N if all samples together do not suffice.
         """
         count = bins.shape[0]

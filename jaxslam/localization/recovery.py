@@ -41,7 +41,7 @@ class Recovery(eqx.Module):
 
     Two rules extend the book. While the scan does not match the map, the slow average is not updated:
     otherwise it would fall to the likelihood of wrong poses, and random particles would stop before the robot
-    is found. And while the particles agree on such a pose, a fixed share is random, for any length of time.
+    is found. While the particles agree on a pose where the scan does not match, a fixed share is random.
 
     Attributes:
         slow: α_slow, weight of a new scan in the slow average; 0 disables the recovery.
@@ -69,10 +69,10 @@ class Recovery(eqx.Module):
     def update(
         self, averages: Averages, log_likelihood: Float[Array, ""], misfit: Bool[Array, ""]
     ) -> Averages:
-        """Return the averages after a scan; `misfit` if the scan does not match the map at the estimate.
+        """Return the averages after a scan; `misfit`: the scan does not match the map at the estimate.
 
-        The natural log of the scan's mean likelihood over the particles, per beam, is −inf if the scan fits
-        no particle. A NaN leaves the averages unchanged.
+        `log_likelihood` is the natural log of the scan's mean likelihood over the particles, per beam. It is
+        −inf if the scan fits no particle. A NaN leaves the averages unchanged.
         """
         likelihood = jnp.exp(log_likelihood)
         finite = jnp.isfinite(likelihood)

@@ -34,7 +34,7 @@ class BeamSkipping(eqx.Module):
     def kept(
         self, shares: Float[Array, "B"], valid: Bool[Array, "B"], converged: Bool[Array, ""]
     ) -> Bool[Array, "B"]:
-        """Return which valid beams `[B]` are used, by the share of the particles that each matches."""
+        """Return which valid beams `[B]` are used, given the share of particles for which each matches."""
         kept = valid & (shares > self.min_share)
         num_valid = jnp.maximum(jnp.sum(valid, dtype=jnp.float32), 1.0)
         skipped = 1.0 - jnp.sum(kept, dtype=jnp.float32) / num_valid

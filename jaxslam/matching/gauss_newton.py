@@ -27,7 +27,7 @@ class PosePrior(eqx.Module):
     precision: Float[Array, "3 3"]
 
     def log_prob(self, pose: Float[Array, "3"]) -> Float[Array, ""]:
-        """Return the natural log up to a constant, 0 at the mean."""
+        """Return the natural log of the density, up to the constant that makes it 0 at the mean."""
         offset = _offset(self.mean, pose)
         return -0.5 * offset @ (self.precision @ offset)
 
@@ -68,7 +68,7 @@ class GaussNewton(eqx.Module):
     def match(
         self, field: DistanceField, ends: ScanPoints, start: Float[Array, "3"], prior: PosePrior
     ) -> Float[Array, "3"]:
-        """Return the pose `[3]` after the iterations from `start`; the caller compares scores."""
+        """Return the pose `[3]` after the iterations from `start`, whether or not its score is better."""
 
         def iterate(_: Int[Array, ""], pose: Float[Array, "3"]) -> Float[Array, "3"]:
             normal, gradient = self._linearize(field, ends, pose)

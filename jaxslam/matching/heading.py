@@ -13,14 +13,14 @@ from jaxslam.lidar.beams import ScanPoints, spread_beams
 
 
 class HeadingSearch(eqx.Module):
-    """Best-scoring of evenly spaced headings around the odometry's prediction.
+    """Search over evenly spaced headings around the heading predicted by the odometry.
 
-    The heading error of odometry can exceed the width of the matcher's basin, so a draw from the motion
-    model may start outside the basin. On sparse logs, this search reduces matches more than 3° off from a
-    third of all matches to at most one in thirty.
+    The heading error of odometry can exceed the width of the matcher's basin, so a draw from the motion model
+    may start outside the basin. On sparse logs, this search reduces the share of matches more than 3° off
+    from a third to at most one in thirty.
 
     Attributes:
-        reach: largest turn tried, standard deviations of the prediction.
+        reach: largest turn tried, in standard deviations of the prediction.
         sigma_cells: width of the score exp(−d²/2σ²) of a beam, in cells of the searched level.
         beam_score: score of one beam on an obstacle relative to the prediction, nats.
         unseen_score: score of a beam in unseen space, as a share of `beam_score`.

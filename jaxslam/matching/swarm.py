@@ -141,8 +141,8 @@ class FruitFlies(eqx.Module):
         """Return the best position found by every fly of a swarm in which each fly has its own fitness.
 
         In each generation all flies move to the position of the best one, within their own bounds, and
-        evaluate it with their own fitness. Each keeps the best position that it has evaluated. The number of
-        flies is that of the starts; `num_flies` is not used.
+        evaluate it with their own fitness. Each fly keeps the best position that it has evaluated. There are
+        as many flies as starts; `num_flies` is not used.
 
         Args:
             fitness: maps the positions of all flies `[P, D]` to each fly's own fitness `[P]`.

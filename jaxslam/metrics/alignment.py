@@ -52,7 +52,7 @@ def align_se2(
 
     Args:
         reference: `[n, 3]` poses (m, m, rad).
-        estimate: `[n, 3]` poses matched to them, in their own frame.
+        estimate: `[n, 3]` poses matched to the reference poses, in the frame of the estimate.
 
     Returns:
         `[3]` pose of the estimate's frame in the reference's; `se2.compose(result, estimate)` aligns it.
@@ -120,7 +120,7 @@ def check_stamps(stamps: Float[np.ndarray, "_"], name: str) -> None:
 def check_poses(poses: Float[np.ndarray, "_ 3"], name: str, length: int) -> None:
     """Raise an error unless there are `length` finite poses; `name` is the name of the track."""
     if len(poses) != length:
-        raise ValueError(f"the {name} has {len(poses)} poses but should have {length}: match them")
+        raise ValueError(f"the {name} has {len(poses)} poses but should have {length}: give one per stamp or match")
     if not np.isfinite(poses).all():
         index = int(np.flatnonzero(~np.isfinite(poses).all(axis=1))[0])
         raise ValueError(f"{name} pose {index} is {poses[index]}: drop poses that are not finite")

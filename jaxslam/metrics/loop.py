@@ -47,7 +47,7 @@ def loop_closed(
 
     In the path, the pose of the second visit relative to the first is compared with the truth; drift between
     the visits does not count. The map is aligned with the truth at the second visit, and its walls within
-    reach must lie on true walls. If a wall is mapped twice, the older copy does not.
+    reach must lie on true walls. If a wall is mapped twice, the older copy does not lie on a true wall.
 
     Args:
         truth: `[T, 3]` true base poses (m, m, rad).

@@ -38,7 +38,7 @@ class BinaryMap:
             shapes = f"occupied has shape {self.occupied.shape} but free {self.free.shape}"
             raise ValueError(f"{shapes}: give both on the same cells")
         if count := np.count_nonzero(self.occupied & self.free):
-            raise ValueError(f"{count} cells are both occupied and free: a cell is one or neither")
+            raise ValueError(f"{count} cells are both occupied and free: give each cell at most one")
         if not (np.isfinite(self.resolution) and self.resolution > 0):
             raise ValueError(f"resolution is {self.resolution}: give a positive number of meters")
         if not np.isfinite(self.origin).all():

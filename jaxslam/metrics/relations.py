@@ -26,8 +26,9 @@ class RelationError:
     Attributes:
         n: relations used.
         n_unused: relations outside the time that the trajectory and the odometry cover.
-        trans_mean_m, trans_std_m, trans_max_m: of the translational errors, meters (ddof 0).
-        rot_mean_deg, rot_std_deg, rot_max_deg: of the absolute rotational errors, degrees.
+        trans_mean_m, trans_std_m, trans_max_m: mean, std (ddof 0), maximum of the translational errors,
+            meters.
+        rot_mean_deg, rot_std_deg, rot_max_deg: the same of the absolute rotational errors, degrees.
         trans_squared_mean_m2: mean squared translational error, m².
         rot_squared_mean_deg2: mean squared rotational error, deg².
     """
@@ -55,8 +56,8 @@ def relation_errors(
 ) -> RelationError:
     """Return statistics of the errors (x_j ⊖ x_i) ⊖ δ_ij over all relations that the trajectory covers.
 
-    A relation's stamps may lie between two poses. The pose there is the last one at or before the stamp,
-    moved by the odometry since then, which is interpolated at both stamps.
+    A relation's stamps may lie between two poses. The pose at a stamp is the last pose at or before the
+    stamp, moved by the odometry between the two. The odometry is interpolated at both times.
 
     Args:
         stamps: `[M]` seconds, not decreasing: times of the SLAM poses.
@@ -143,7 +144,7 @@ def _covered(
     stamps: Float64[np.ndarray, "M"],
     odometry_stamps: Float64[np.ndarray, "K"],
 ) -> Bool[np.ndarray, "Q"]:
-    """Return the times with a pose, or with an earlier pose and odometry since; never beyond the end."""
+    """Return which times up to the last pose have a pose, or an earlier pose and odometry since then."""
     last = np.searchsorted(stamps, times + STAMP_TOLERANCE, side="right") - 1
     inside = (last >= 0) & (times <= stamps[-1] + STAMP_TOLERANCE)
     since = stamps[np.maximum(last, 0)]

@@ -18,7 +18,7 @@ class TrajectoryError:
     """Error statistics of one trajectory.
 
     Attributes:
-        rmse_m, mean_m, std_m, max_m: of the position errors, meters (std with ddof 0).
+        rmse_m, mean_m, std_m, max_m: statistics of the position errors, meters (std with ddof 0).
         rot_rmse_deg: root mean square of the heading errors, degrees.
         n: matched poses (ATE) or pose pairs (RPE).
     """

@@ -135,7 +135,7 @@ class LocalizationResult(AbstractResult):
 
     @property
     def kidnapped_events(self) -> int:
-        """Number of agreements at a place that the odometry does not lead to from the agreement before.
+        """Number of agreements at a place that the odometry does not predict from the previous agreement.
 
         Either the robot was carried to another place, or one of the two estimates is wrong.
         """

@@ -1,4 +1,4 @@
-"""What the results of mapping and localization share: stamps, timing, and how they show themselves."""
+"""Base of the results of mapping and localization: stamps, timing, and display in a notebook."""
 
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any

@@ -48,10 +48,10 @@ class ScanLag:
 
 
 def estimate_lag(scans: ScanTrack, odometry: OdometryTrack, max_lag: float) -> ScanLag | None:
-    """Estimate the lag at which the rotation seen in the scans agrees best with the odometry's.
+    """Estimate the lag at which the rotation seen in the scans agrees best with that of the odometry.
 
-    Each scan is rotated to match the previous one; the resulting turning rates are correlated with the
-    odometry's at every lag.
+    Each scan is rotated to match the previous one; the resulting turning rates are correlated with those of
+    the odometry at every lag.
 
     Args:
         scans: scans with NaN for no return.
@@ -84,7 +84,7 @@ def estimate_lag(scans: ScanTrack, odometry: OdometryTrack, max_lag: float) -> S
 
 
 def _turning_pairs(scans: ScanTrack, odometry: OdometryTrack, max_lag: float) -> Int[np.ndarray, "P"]:
-    """Return indices of scans followed soon by the next while the robot turns, at any lag in the interval."""
+    """Return indices of scans soon followed by another while the robot turns, at some lag ≤ `max_lag`."""
     intervals = np.diff(scans.stamps)
     pairs = np.flatnonzero((intervals > _INTERVALS[0]) & (intervals < _INTERVALS[1]))
     if len(pairs) == 0:

@@ -25,7 +25,7 @@ from jaxslam.xla.control_flow import run_if
 
 
 class _Aligned(eqx.Module):
-    """One particle before the swarm runs; a `lost` one had lost the map and was searched for."""
+    """A particle before the swarm runs; `lost` if it had lost the map and was searched for."""
 
     drawn: Candidate
     best: Candidate
@@ -35,11 +35,11 @@ class _Aligned(eqx.Module):
 
 
 class FruitFlyProposal(AbstractProposal):
-    r"""Liang et al. (12)–(18): ICP moves the draw into the likely region, a swarm finds the best pose there.
+    r"""Liang et al. (12)–(18): ICP moves the draw into the likely region; a swarm finds the best pose there.
 
     The swarm's fitness is $\Gamma(x) = p(z|x,m)\,p(x|x_{t-1},u)$ on the particle's own map, with some of the
     beams and without interpolation; its result is accepted only if the sensor model also rates it higher. An
-    optimizer has no density, so the definition of the weight is a choice, `weight`.
+    optimizer has no density, so `weight` selects the definition of the weight.
 
     Attributes:
         heading: search over headings before ICP.
@@ -59,8 +59,8 @@ class FruitFlyProposal(AbstractProposal):
         min_valid_beams: with fewer valid beams the pose is the motion model's draw.
         around: poses around the best, for `weight="density"`.
         sharpness: factor on log-likelihoods for fitting and drawing; log-weights are divided by it. The
-            sensor model gives a scan less weight than its beams have together. That is right for choosing
-            among particles, but understates how well a match determines the pose.
+            sensor model gives a scan less weight than its beams have together. This suits a choice among
+            particles, but understates how well a match determines the pose.
         weight: "likelihood": the best pose, weighted by the scan's likelihood there, as in gmapping;
             "density": a draw from the Gaussian around it, weighted by p(z|x,m) p(x|x_prev,u) / q(x) (static).
         swarm: "own": every particle has a swarm; "particles": the particles form one swarm (static).

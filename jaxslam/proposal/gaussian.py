@@ -27,7 +27,7 @@ class GaussianProposal(AbstractProposal):
         prior: trust in p(x | x_prev, u) for the moments: full by default. The matcher trusts it less, but
             centers it on the particle's own draw.
         sharpness: factor on log-likelihoods for the moments; log η is divided by it. The sensor model gives a
-            scan less weight than its beams have together. That is right for choosing among particles, but
+            scan less weight than its beams have together. This suits a choice among particles, but
             understates how well a match determines the pose. 1 is the paper's value.
         odometry_weight: power of p(x | x_prev, u) in the moments. 0 treats it as constant near the mode,
             as in (18), which lets the particles drift along a corridor without features; 1 keeps it.

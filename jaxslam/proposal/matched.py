@@ -25,7 +25,7 @@ class MatchedProposal(AbstractProposal):
 
     Attributes:
         heading: search over headings before the match.
-        coarse: matcher on the coarse field, with a basin of about a meter: one of the starts when lost.
+        coarse: matcher on the coarse field, with a basin of about a meter; finds another start if lost.
         fine: matcher at the map's own resolution, with a basin of about 30 cm.
         search: wider search, run where fewer than `lost_below` of the beams match the map.
         prior: trust in the motion model.
@@ -34,8 +34,8 @@ class MatchedProposal(AbstractProposal):
         lost_below: share of valid beams near an obstacle or in unseen space below which the match is not
             trusted.
         min_valid_beams: with fewer valid beams the pose is the motion model's draw.
-        max_beams: beams used for matching, evenly spread over the scan (static). Half as many made maps of
-            long corridors worse.
+        max_beams: beams used for matching, evenly spread over the scan (static). Maps of long corridors are
+            worse with half as many.
 
     References:
         Grisetti et al. 2007, section III (mode by scan matching). The weight is the likelihood at the mode,

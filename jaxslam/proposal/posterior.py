@@ -73,8 +73,8 @@ def finalize(
     """Return the chosen pose, or the draw of the motion model if the scan has too few beams.
 
     Args:
-        drawn: from the motion model.
-        chosen: by the proposal.
+        drawn: pose drawn from the motion model.
+        chosen: pose chosen by the proposal.
         enough: whether the scan has enough valid beams.
         searched: whether the particle had lost the map and was searched for.
         log_ratio: log p(x | x_prev, u) − log q(x) at `chosen`; 0 for a proposal without a density, whose
@@ -97,7 +97,7 @@ def align_heading(
     pose: Float[Array, "3"],
     drawn: Float[Array, "3"],
 ) -> Float[Array, "3"]:
-    """Turn a draw `[3]` of the motion model to the heading where the scan fits best, near the odometry's.
+    """Turn a draw `[3]` of the motion model to the best-fitting heading near that of the odometry.
 
     The odometry starts at `pose` `[3]`; the end points are in the base frame.
     """

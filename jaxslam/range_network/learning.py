@@ -31,8 +31,8 @@ class Split:
 
     Attributes:
         training: `[M]` the readings used for training.
-        validation: `[M]` the readings that stop the training and select the network; none if there are too
-            few distances.
+        validation: `[M]` readings that decide when training stops and which network is kept; none if there
+            are too few distances.
         held_out: `[M]` the readings used for neither.
     """
 
@@ -52,7 +52,7 @@ class Split:
             held_out: distances to hold out, meters; None takes every fifth if there are ten or more.
 
         Raises:
-            ValueError: there are no readings at a named distance, or fewer than two distances remain.
+            ValueError: there are no readings at a held-out distance, or fewer than two distances remain.
         """
         distances = readings.distances
         judged = _held_out(distances, held_out)
@@ -70,7 +70,7 @@ class Split:
 
 
 def _held_out(distances: Float64[np.ndarray, "D"], named: Sequence[float] | None) -> Bool[np.ndarray, "D"]:
-    """Return which distances are held out: those named, or every fifth if there are enough."""
+    """Return which distances are held out: the given ones, or every fifth if there are enough."""
     chosen = np.zeros(len(distances), bool)
     if named is None and len(distances) >= _ENOUGH_TO_HOLD_OUT:
         chosen[1:-1][_EVERY // 2 - 1 :: _EVERY] = True
@@ -137,8 +137,8 @@ def learn(
 ) -> TrainingResult:
     """Train networks from several initializations and keep the one with the lowest validation error.
 
-    Without validation readings, only the mean reading of each distance is learned. From so few distances a
-    network would learn the scatter at each as a step, and be decimeters off in between.
+    Without validation readings, only the mean reading of each distance is learned. From so few distances, a
+    network would fit a step to the scatter at each distance, and would be decimeters off in between.
 
     Args:
         key: PRNG key of the initializations.

@@ -55,7 +55,7 @@ class RoleErrors:
         raw_rmse: RMSE before the correction, meters.
         corrected_rmse: RMSE after the correction, meters.
         noise: RMS deviation of the readings from the mean reading at their distance, meters. A correction
-            that depends on the distance only cannot go below it, except by flattening noise.
+            that depends on the distance only leaves at least this error, unless it compresses the noise.
     """
 
     role: str

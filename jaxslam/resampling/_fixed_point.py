@@ -1,9 +1,9 @@
 """Weights as integers, whose running sum is exact.
 
-A parallel float32 running sum is not monotone: over 100 000 weights, half of them zero, one stepped down
-409 times and changed at 809 particles of weight zero, which could then be picked. The weights are
-therefore scaled to add up to about 2³¹ and rounded; integer sums are exact in any order. A count then
-departs from N · w by at most N · 2⁻³², 2.3e-5 for 100 000 particles, and by the rounding of w.
+A parallel float32 running sum is not monotone: over 100 000 weights, half of them zero, one such sum
+decreased 409 times and changed at 809 particles of weight zero, which could then be picked. The weights are
+therefore scaled to add up to about 2³¹ and rounded; integer sums are exact in any order. A count then departs
+from N · w by at most N · 2⁻³², 2.3e-5 for 100 000 particles, and by the rounding of w.
 """
 
 import jax

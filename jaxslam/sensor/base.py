@@ -31,11 +31,11 @@ class AbstractSensorModel(eqx.Module):
         """Return the number of independent beams that a scan counts for."""
 
     def num_scored(self, scan: LidarScan) -> Float[Array, ""]:
-        """Return the number of scored beams that returned."""
+        """Return how many of the scored beams have a return."""
         return jnp.sum(scan.valid[spread_beams(scan.num_beams, self.max_beams)], dtype=jnp.float32)
 
     def prepare(self, map: KnownMap) -> Any:
-        """Compute the model's look-up data for a known map, in the frame of the map; by default its field."""
+        """Compute the look-up data for a known map, in the map frame; by default, the distance field."""
         return map.field()
 
     @abc.abstractmethod

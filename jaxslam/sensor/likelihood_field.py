@@ -22,9 +22,9 @@ class LikelihoodField(AbstractSensorModel):
 
     On the map of a particle, $d_k$ is interpolated and measured across the wall given by the neighboring
     beams, or as the Euclidean distance where no wall is found. A beam that ends in unseen space scores the
-    mean of the others: unseen space is evidence neither for a pose nor against it. On a known map, where
-    many more particles are scored, $d_k$ is the distance stored in the cell in which the beam ends, and a
-    scan of fewer than $n_{ind}$ beams counts as its own number of beams.
+    mean of the others: unseen space is evidence neither for a pose nor against it. On a known map, where many
+    more particles are scored, $d_k$ is the distance stored in the cell in which the beam ends, and a scan
+    with fewer than $n_{ind}$ beams counts as that number of beams.
 
     Attributes:
         sigma_hit: standard deviation of end points around obstacles, meters.
@@ -71,7 +71,7 @@ class LikelihoodField(AbstractSensorModel):
     ) -> Float[Array, ""]:
         """Return the natural log of the likelihood at a pose `[3]`.
 
-        The value is 0 if every beam ends on an obstacle, and lower otherwise, apart from `z_unseen`.
+        Apart from the term of `z_unseen`, it is 0 if every beam ends on an obstacle, and lower otherwise.
         """
         if isinstance(prepared, CellTable):
             return self.log_prob_all(prepared, scan, pose[None])[0]

@@ -67,7 +67,7 @@ class Drive(eqx.Module):
         last = self.poses.shape[0] - 1
         if times.size and not (times.min() >= 0 and times.max() * self.rate <= last + 1e-6):
             raise ValueError(
-                f"times from {times.min()} to {times.max()} s leave the drive of "
+                f"times from {times.min()} to {times.max()} s lie outside the drive of "
                 f"{last / self.rate} s: simulate a longer duration"
             )
         # With the tolerance, a time that should lie on a step is not rounded down to the previous one.

@@ -43,7 +43,7 @@ class Objective:
         """Raise `ValueError` if the source lacks the data for this objective."""
         measured = source.world is not None or source.relations is not None or source.reference is not None
         if self.needs == "reference" and not measured:
-            raise ValueError(f"{source.name}: give it relations or a reference, to measure the error by")
+            raise ValueError(f"{source.name}: give relations or a reference, to measure the error against")
         if self.needs == "world" and source.world is None:
             raise ValueError(f"{source.name}: the objective map is for worlds: a log has no true map")
 

@@ -123,8 +123,8 @@ def read_plan(path: str | Path) -> Plan:
     """Read and check a study.
 
     Raises:
-        ValueError: the file is not TOML, a name in it is not known (the nearest is named), a value is out of
-            range, the space is empty, or a source has no reference; one line.
+        ValueError: the file is not TOML, a name in it is unknown (the message suggests the closest match), a
+            value is out of range, the space is empty, or a source has no reference; one line.
         OSError: the file cannot be read.
     """
     path = Path(path)
@@ -158,7 +158,7 @@ def _plan(tables: dict[str, Any], path: Path) -> Plan:
     held_out_seeds = _seeds(given["held_out_seeds"], first, "study.held_out_seeds")
     if set(seeds) & set(held_out_seeds):
         both = ", ".join(map(str, sorted(set(seeds) & set(held_out_seeds))))
-        raise ValueError(f"study.held_out_seeds has {both}, tuned on as well: give others")
+        raise ValueError(f"study.held_out_seeds has {both}, which are tuning seeds: give others")
     objectives = _chosen(given["objectives"], tuple(OBJECTIVES), "study.objectives")
     [sampler] = _chosen([given["sampler"]], SAMPLERS, "study.sampler")
     if sampler == "cma-es" and len(objectives) > 1:
@@ -230,7 +230,7 @@ def _sources(tables: Any, name: str, folder: Path) -> tuple[Source, ...]:
                 reason = "a log; of a world the truth is known" if "world" in table else "a world"
                 raise ValueError(f"{where}: {key} is for {reason}")
         if "relations" in table and "reference" in table:
-            raise ValueError(f"{where}: give relations or a reference: the error is measured by one of them")
+            raise ValueError(f"{where}: give relations or a reference, not both")
         if not isinstance(table.get("name", ""), str):
             raise ValueError(f"{where} name is {table['name']!r}: give text")
         if "lidar" in table:
@@ -270,7 +270,7 @@ def _existing(path: Any, folder: Path, name: str) -> Path:
     # Paths are relative to the study's file.
     full = (folder / path).resolve()
     if not full.exists():
-        raise ValueError(f"{name}: {full} is not there")
+        raise ValueError(f"{name}: {full} does not exist")
     return full
 
 
@@ -279,10 +279,10 @@ def _seeds(given: Any, first: int, name: str) -> tuple[int, ...]:
         return tuple(range(first, first + given))
     if not isinstance(given, list) or not given or not all(map(_is_seed, given)):
         raise ValueError(
-            f"{name} is {given!r}: give how many, 1 to {MOST_SEEDS}, or a list of them, 0 to {_LARGEST_SEED}"
+            f"{name} is {given!r}: give a number, 1 to {MOST_SEEDS}, or a list of seeds, 0 to {_LARGEST_SEED}"
         )
     if len(set(given)) < len(given):
-        raise ValueError(f"{name} is {given!r}: the same seed is the same run")
+        raise ValueError(f"{name} is {given!r}: give each seed once")
     return tuple(given)
 
 

@@ -43,7 +43,7 @@ class Parameter:
 
     @property
     def chooses_a_part(self) -> bool:
-        """Return whether other parameters may exist for some of its choices only."""
+        """Return whether some other parameters may exist only for some of its choices."""
         return _chooses_a_part(self.name)
 
     def ends(self) -> tuple[Scalar, ...]:
@@ -83,7 +83,7 @@ class Space:
             base: the configuration that provides all other settings.
 
         Raises:
-            ValueError: an empty space, an unknown name (the nearest is named), or an invalid interval.
+            ValueError: an empty space, an unknown name (a match is suggested), or an invalid interval.
         """
         if not tables:
             raise ValueError(
@@ -108,7 +108,7 @@ class Space:
         chosen = {parameter.name for parameter in parts}
         rest = [_parameter(name, tables[name], known) for name in names if name not in chosen]
         if METHOD in tables and "proposal.kind" in tables:
-            raise ValueError("space: method chooses the proposal.kind: give one of the two")
+            raise ValueError("space: method also sets proposal.kind: give only one of the two")
         return cls((*parts, *rest))
 
     def parts(self) -> list[Parameter]:
@@ -132,7 +132,7 @@ class Space:
         return next(choice for choice in choices if parameter.name in flatten(with_settings(base, choice)))
 
     def with_steps(self, is_size: Callable[[Parameter], bool]) -> "Space":
-        """Return the space with at most `VALUES_OF_A_SIZE` values for every linear size of a program."""
+        """Return the space with at most `VALUES_OF_A_SIZE` values for each size with a linear scale."""
 
         def limited(parameter: Parameter) -> Parameter:
             if parameter.choices or parameter.step is not None or parameter.log or not is_size(parameter):
@@ -166,7 +166,7 @@ def _parameter(name: str, table: Any, known: Mapping[str, Scalar]) -> Parameter:
     if "choices" in table:
         choices = table["choices"]
         if len(table) > 1 or not isinstance(choices, list) or not choices:
-            raise ValueError(f"{where}: give a list of choices, and nothing beside it")
+            raise ValueError(f"{where}: give a list of choices without other keys")
         for choice in choices:
             if not isinstance(choice, bool | int | float | str):
                 raise ValueError(f"{where}: {choice!r} is not a choice: give numbers, text, true or false")
@@ -200,7 +200,7 @@ def _parameter(name: str, table: Any, known: Mapping[str, Scalar]) -> Parameter:
 
 
 def _last(low: float, high: float, step: float) -> float:
-    """Return the last value of an interval that is a whole number of steps from its first."""
+    """Return the largest value of an interval that is a whole number of steps above its lower end."""
     last = _exact(low) + (_exact(high) - _exact(low)) // _exact(step) * _exact(step)
     return int(last) if isinstance(low, int) and isinstance(step, int) else float(last)
 

@@ -58,7 +58,7 @@ class Store:
     storage: RDBStorage
 
     def trials(self) -> list[FrozenTrial]:
-        """Return all trials, including those in flight and lost ones."""
+        """Return all trials, including trials in flight and lost trials."""
         return self.study.get_trials(deepcopy=False)
 
     def finished(self) -> list[FrozenTrial]:
@@ -179,9 +179,7 @@ def open_study(plan: Plan, url: str) -> Store:
         )
         before = study.user_attrs.get(_PLAN)
         if before is None and study.get_trials(deepcopy=False):
-            raise ValueError(
-                f"{redact_url(url)}: its study {plan.name!r} is not one of jaxslam's: {_ELSEWHERE}"
-            )
+            raise ValueError(f"{redact_url(url)}: its study {plan.name!r} is not from jaxslam: {_ELSEWHERE}")
         if before is not None and before != plan.described():
             raise ValueError(
                 f"{redact_url(url)} has a study {plan.name!r} with other logs, seeds, filter, space or "
@@ -202,7 +200,7 @@ def load_study(url: str, name: str | None) -> tuple[Store, dict[str, Any]]:
         parts = sqlalchemy.make_url(url)
         is_file = parts.get_backend_name() == "sqlite" and parts.database and not parts.query
         if is_file and not Path(parts.database or "").exists():
-            raise ValueError(f"{parts.database} is not there: give the storage of a study")
+            raise ValueError(f"{parts.database} does not exist: give the storage of a study")
         # Optuna would create its tables in any database, but a report must not change one.
         engine = sqlalchemy.create_engine(parts)
         has_tables = sqlalchemy.inspect(engine).has_table("studies")
@@ -219,7 +217,7 @@ def load_study(url: str, name: str | None) -> tuple[Store, dict[str, Any]]:
     study = optuna.load_study(study_name=name or names[0], storage=storage)
     plan = study.user_attrs.get(_PLAN)
     if plan is None:
-        raise ValueError(f"{redact_url(url)}: the study {study.study_name!r} is not one of jaxslam's")
+        raise ValueError(f"{redact_url(url)}: the study {study.study_name!r} is not from jaxslam")
     return Store(study, storage), plan
 
 

@@ -113,7 +113,7 @@ def _result(future) -> list[TrialResult]:
     except CancelledError:
         # Only a lost scheduler cancels tasks.
         raise ValueError(
-            "the scheduler is gone: start the study again with a new scheduler, finished trials are kept"
+            "the scheduler is gone: start the study again with a new scheduler; finished trials are kept"
         ) from None
 
 

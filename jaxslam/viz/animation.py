@@ -1,7 +1,7 @@
 """Write an animated GIF of the growing map, to a file or for a notebook.
 
-Pillow draws the frames as palette images. This takes a few milliseconds per frame, where matplotlib takes
-tenths of a second, and the flat colors compress well.
+Pillow draws the frames as palette images. A frame takes a few milliseconds, instead of tenths of a second in
+matplotlib, and the flat colors compress well.
 """
 
 import io

@@ -61,7 +61,7 @@ def add_legend(ax: Axes) -> None:
 
 
 def add_legend_below(ax: Axes) -> None:
-    """Add a legend under the axes, where it covers nothing, if anything has a label."""
+    """Add a legend below the axes, where it covers no data, if any artist has a label."""
     count = len(ax.get_legend_handles_labels()[1])
     if not count:
         return

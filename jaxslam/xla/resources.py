@@ -11,7 +11,7 @@ _LIMIT = Path("/sys/fs/cgroup/memory.max")
 
 
 def physical_memory() -> float:
-    """Return the bytes of main memory that this process may use; infinite if the system does not say."""
+    """Return the bytes of main memory that this process may use; infinite if they are unknown."""
     names = getattr(os, "sysconf_names", {})
     if "SC_PHYS_PAGES" not in names:
         return math.inf
@@ -20,7 +20,7 @@ def physical_memory() -> float:
 
 
 def memory_of(device: jax.Device) -> float:
-    """Return the bytes of a device's own memory that JAX may use; infinite if the device does not say."""
+    """Return the bytes of a device's own memory that JAX may use; infinite if they are unknown."""
     return float((device.memory_stats() or {}).get("bytes_limit", math.inf))
 
 

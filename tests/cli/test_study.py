@@ -236,11 +236,11 @@ def test_files_that_are_missing(at, capsys):
     assert main(["study", "missing.toml"]) == 2
     assert "missing.toml: No such file" in error_line(capsys)
     assert main(["study", "report", "missing.db"]) == 2
-    assert "missing.db is not there: give the storage" in error_line(capsys)
+    assert "missing.db does not exist: give the storage" in error_line(capsys)
     assert not Path("missing.db").exists()
     Path("plan.toml").write_text(
         PLAN.replace('world = "hall_small"\nduration = 10\n[[h', 'log = "no.bag"\n[[h')
     )
     assert main(["study", "plan.toml"]) == 2
-    assert "no.bag is not there" in error_line(capsys)
+    assert "no.bag does not exist" in error_line(capsys)
     assert not Path("runs").exists()

@@ -85,7 +85,7 @@ def test_disorder_of_stamps_is_measured_and_sorted_stably():
     assert largest_step_back(np.zeros(0)) == (0.0, 0)
     warnings = []
     assert sorting_order(stamps, "ODOM", warnings).tolist() == [0, 2, 3, 1, 4, 5]
-    assert warnings == ["ODOM: 2 stamps run back by up to 0.500 s: sorted by time"]
+    assert warnings == ["ODOM: 2 stamps run backwards by up to 0.500 s: sorted by time"]
 
 
 def test_the_nearest_stamp_is_found():

@@ -202,9 +202,9 @@ def test_another_plan_of_that_name_is_refused(plan, tmp_path, change):
 def test_a_study_of_somebody_else_is_left_alone(plan, tmp_path):
     theirs = optuna.create_study(study_name=plan.name, storage=connect(url_of(tmp_path)))
     theirs.optimize(lambda trial: trial.suggest_float("x", 0, 1), 1)
-    with pytest.raises(ValueError, match="its study 'try' is not one of jaxslam's: give this one another"):
+    with pytest.raises(ValueError, match="its study 'try' is not from jaxslam: give this one another"):
         store_of(plan, tmp_path)
-    with pytest.raises(ValueError, match="the study 'try' is not one of jaxslam's"):
+    with pytest.raises(ValueError, match="the study 'try' is not from jaxslam"):
         load_study(url_of(tmp_path), None)
     assert theirs.user_attrs == {}
 
@@ -294,7 +294,7 @@ def test_a_report_on_a_study(plan, tmp_path):
 
 def test_storages_that_have_no_study(tmp_path):
     path = tmp_path / "study.db"
-    with pytest.raises(ValueError, match=r"study\.db is not there: give the storage of a study"):
+    with pytest.raises(ValueError, match=r"study\.db does not exist: give the storage of a study"):
         load_study(url_of(tmp_path), None)
     assert not path.exists()
     path.write_bytes(b"")

@@ -47,7 +47,7 @@ def in_order(
     largest, row = largest_step_back(stamps)
     if largest > MAX_BACKWARD_S:
         raise LogError(
-            f"{path}: stamps of {topic} run back by {largest:.1f} s at message "
+            f"{path}: stamps of {topic} run backwards by {largest:.1f} s at message "
             f"{row + 1} of {stamps.size} (clock set back, or a simulation restarted?): "
             "cut the bag there"
         )
@@ -154,7 +154,7 @@ def scan_track(
 
 
 def _time_increment(contents: Sequence[Any]) -> float:
-    """Return the seconds between beams; 0, which many drivers leave, means that all are simultaneous."""
+    """Return the seconds between beams; 0, which many drivers send, means simultaneous beams."""
     increments = np.array([m.time_increment for m in contents], dtype=np.float64)
     usual = float(np.median(increments[np.isfinite(increments)])) if np.isfinite(increments).any() else 0.0
     return max(usual, 0.0)

@@ -27,10 +27,10 @@ def message_stamps(messages: Sequence[Message], clock: str) -> Float64[np.ndarra
 def choose_clock(path: Path, streams: Sequence[Sequence[Message]], warnings: list[str]) -> str:
     """Choose the clock of a log, `ipc` or `logger`: the ipc stamp unless it is unusable.
 
-    The ipc stamp is the time of the measurement, on the clock of the measuring computer, and
-    ground-truth relations use it. The logger stamp is the time of arrival, with jitter. The logger
-    stamp is used if the ipc stamps are constant (old logs have zeros), run back by more than a second,
-    or if their offset to the logger differs between odometry and scans by more than a second.
+    The ipc stamp is the time of the measurement, on the clock of the measuring computer, and ground-truth
+    relations use it. The logger stamp is the time of arrival, with jitter. The logger stamp is used if the
+    ipc stamps are constant (old logs have zeros), jump back by more than a second, or if their offset to the
+    logger differs between odometry and scans by more than a second.
 
     Args:
         path: for the error message.
@@ -65,7 +65,7 @@ def _fault(streams: Sequence[Sequence[Message]], clock: str) -> str | None:
             return f"all {clock} stamps are {stamps[0]:g}"
         largest, row = largest_step_back(stamps)
         if largest > MAX_BACKWARD_S:
-            return f"{clock} stamps run back by {largest:.1f} s at line {messages[row].line}"
+            return f"{clock} stamps run backwards by {largest:.1f} s at line {messages[row].line}"
     return None
 
 

@@ -367,9 +367,9 @@ def test_zero_header_stamps_fall_back_to_the_time_of_receipt(tmp_path):
 def test_jitter_is_sorted_and_a_clock_set_back_is_an_error(tmp_path):
     log = scans_of(tmp_path, *(BUILD2.scan(t, [t]) for t in (1.0, 1.5, 1.25)))
     assert log.scans.ranges[:, 0].tolist() == [1, 1.25, 1.5]
-    assert "/scan: 1 stamps run back by up to 0.250 s: sorted by time" in log.warnings
+    assert "/scan: 1 stamps run backwards by up to 0.250 s: sorted by time" in log.warnings
     topics = {"/scan": [BUILD2.scan(t, [1.0]) for t in (50.0, 51.0, 1.0)]}
-    with pytest.raises(LogError, match=r"stamps of /scan run back by 50\.0 s at message 3 of 3"):
+    with pytest.raises(LogError, match=r"stamps of /scan run backwards by 50\.0 s at message 3 of 3"):
         read_bag(write_bag2(tmp_path / "b", topics))
 
 

@@ -194,11 +194,11 @@ def test_mounting_heading_at_half_a_turn_is_a_circular_median(read):
 def test_jitter_is_sorted_and_counted(read):
     log = read(flaser(0.0, [1.0]), flaser(0.3, [3.0]), flaser(0.2, [2.0]), flaser(0.4, [4.0]))
     assert log.scans.ranges[:, 0].tolist() == [1, 2, 3, 4]
-    assert any("FLASER: 1 stamps run back by up to 0.100 s" in line for line in log.warnings)
+    assert any("FLASER: 1 stamps run backwards by up to 0.100 s" in line for line in log.warnings)
 
 
 def test_a_clock_that_is_set_back_is_an_error_with_its_line(read):
-    with pytest.raises(LogError, match=r"run back by 99\.0 s at line 3: cut the log there"):
+    with pytest.raises(LogError, match=r"run backwards by 99\.0 s at line 3: cut the log there"):
         read(flaser(0.0, [1.0]), flaser(100.0, [1.0]), flaser(1.0, [1.0]))
 
 

@@ -120,7 +120,7 @@ def check_stamps(stamps: Float[np.ndarray, "_"], name: str) -> None:
 def check_poses(poses: Float[np.ndarray, "_ 3"], name: str, length: int) -> None:
     """Raise an error unless there are `length` finite poses; `name` is the name of the track."""
     if len(poses) != length:
-        raise ValueError(f"the {name} has {len(poses)} poses but should have {length}: give one per stamp or match")
+        raise ValueError(f"the {name} has {len(poses)} poses but should have {length}: give as many")
     if not np.isfinite(poses).all():
         index = int(np.flatnonzero(~np.isfinite(poses).all(axis=1))[0])
         raise ValueError(f"{name} pose {index} is {poses[index]}: drop poses that are not finite")

@@ -101,10 +101,10 @@ def run_many(
 ) -> ManyResult:
     """Run a filter with every key and every configuration; all runs share one program.
 
-    On a single CPU device, sequential runs are fastest: under `vmap`, both sides of every branch are computed
-    and the maps are copied at every step (see docs/guides/many-runs.md). To use several CPU cores, create one
-    device per core with `jax.config.update("jax_num_cpu_devices", 2)` before any other use of JAX. The runs
-    are then distributed over the devices.
+    On a single CPU device, sequential runs are fastest (see "Many runs" in the README): under `vmap`, both
+    sides of every branch are computed and the maps are copied at every step. To use several CPU cores, create
+    one device per core with `jax.config.update("jax_num_cpu_devices", 2)` before any other use of JAX. The
+    runs are then distributed over the devices.
 
     Args:
         slam: the filter, with maps sized for the scans.
@@ -347,7 +347,7 @@ def _devices_in_memory(
     *,
     drop_some: bool,
 ) -> tuple[jax.Device, ...]:
-    """Return the devices; `drop_some` leaves out CPU devices that would not fit into memory.
+    """Return the devices; `drop_some` limits those of a CPU to the number that fits into memory.
 
     Raises:
         ValueError: the runs do not fit into memory.

@@ -160,7 +160,7 @@ def _one_value_per_set(arguments: Sequence[str]) -> list[str]:
 
 
 def _one_line(box: str) -> str:
-    """Return the sentences before the first inner line of a framed message, and point to the help."""
+    """Return the first sentences of a framed message, up to its first rule, and point to the help."""
     sentences: list[str] = []
     for line in box.splitlines():
         text = line.strip(" │╭╮╰╯─")

@@ -1,18 +1,8 @@
 """The examples that extend the library run as they are printed, and what they build works."""
 
 import numpy as np
-import pytest
 
-from jaxslam.config.registry import VARIANTS
 from tests.docs.pages import DOCS, run_blocks
-
-
-@pytest.fixture(autouse=True)
-def registry_as_before():
-    before = {base: dict(named) for base, named in VARIANTS.items()}
-    yield
-    VARIANTS.clear()
-    VARIANTS.update(before)
 
 
 def test_a_proposal():

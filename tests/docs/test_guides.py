@@ -24,6 +24,7 @@ def test_use_from_python():
     names = run_blocks(DOCS / "guides" / "python.md")
     # The scan over the log is the loop under `run_log`.
     assert names["infos"].ess.shape == names["result"].ess.shape
+    assert names["many"].errors(names["truth"]).shape == (1, 2)
 
 
 def test_settings(tmp_path, monkeypatch):

@@ -74,7 +74,7 @@ def loop_closed(
     first, second = _revisits(truth, near, loop, last)
     if not len(first):
         raise ValueError(
-            f"the robot never came within {near:g} m of where it had been {loop:g} m before: there is no loop"
+            f"no place is revisited within {near:g} m after {loop:g} m of path: there is no loop"
         )
     true = se2.relative(truth[first], truth[second])
     off = se2.relative(true, se2.relative(estimate[first], estimate[second]))

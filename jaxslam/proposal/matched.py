@@ -34,8 +34,8 @@ class MatchedProposal(AbstractProposal):
         lost_below: share of valid beams near an obstacle or in unseen space below which the match is not
             trusted.
         min_valid_beams: with fewer valid beams the pose is the motion model's draw.
-        max_beams: beams used for matching, evenly spread over the scan (static). Maps of long corridors are
-            worse with half as many.
+        max_beams: beams used for matching, evenly spread over the scan (static). With half the beams, maps of
+            long corridors are worse.
 
     References:
         Grisetti et al. 2007, section III (mode by scan matching). The weight is the likelihood at the mode,

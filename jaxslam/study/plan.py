@@ -99,7 +99,7 @@ class Plan:
         return with_settings(with_settings(starting_with(lidar), self.base), settings)
 
     def described(self) -> dict[str, Any]:
-        """Return, as JSON types, all that must be equal for the values of two trials to be comparable."""
+        """Return, as JSON types, everything that must be equal for two trials to be comparable."""
         kept = dataclasses.asdict(self)
         for name in ("sampler", "sampler_seed", "trials", "batch", "held_out", "held_out_seeds"):
             del kept[name]

@@ -193,7 +193,7 @@ def _parameter(name: str, table: Any, known: Mapping[str, Scalar]) -> Parameter:
     if step is not None and not 0 < step <= high - low:
         raise ValueError(f"{where}: step is {step}: give more than 0, and no more than high - low")
     if not isinstance(log, bool) or (log and (low <= 0 or step is not None)):
-        raise ValueError(f"{where}: log is for an interval above 0 without a step")
+        raise ValueError(f"{where}: log needs an interval above 0 and no step")
     if step is not None:
         high = _last(low, high, step)
     return Parameter(name, (), low, high, step, log, isinstance(value, int))

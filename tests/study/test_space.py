@@ -242,9 +242,9 @@ def test_a_space_that_is_none(tables, message):
         (SIGMA, {"low": 0.1, "high": 0.2, "step": 0}, "step is 0: give more than 0, and no more"),
         (SIGMA, {"low": 0.1, "high": 0.2, "step": -0.1}, "step is -0.1: give more than 0"),
         (SIGMA, {"low": 0.1, "high": 0.2, "step": 0.2}, "no more than high - low"),
-        (SIGMA, {"low": 0.0, "high": 0.2, "log": True}, "log is for an interval above 0 without"),
-        (SIGMA, {"low": 0.1, "high": 0.9, "step": 0.1, "log": True}, "above 0 without a step"),
-        (SIGMA, {"low": 0.1, "high": 0.9, "log": "yes"}, "log is for an interval above 0"),
+        (SIGMA, {"low": 0.0, "high": 0.2, "log": True}, "log needs an interval above 0 and"),
+        (SIGMA, {"low": 0.1, "high": 0.9, "step": 0.1, "log": True}, "above 0 and no step"),
+        (SIGMA, {"low": 0.1, "high": 0.9, "log": "yes"}, "log needs an interval above 0"),
     ],
 )
 def test_a_parameter_that_is_none(name, table, message):

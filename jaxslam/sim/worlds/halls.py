@@ -56,7 +56,7 @@ def hall_small() -> Site:
 
 
 def hall_large() -> Site:
-    """Build a factory hall of 24 × 23 m with machines, tanks, shelves, a cabin; tour 166 m, 191 s.
+    """Build a factory hall of 24 × 23 m with machines, tanks, shelves and a cabin; the tour is 166 m, 191 s.
 
     Four bands of three blocks between five aisles, with the same row of machines three times. The
     tour goes round the hall (81 m, 89 s), then through the inner aisles in a figure of eight.

@@ -100,7 +100,7 @@ class SlamConfig(eqx.Module):
     @property
     def method(self) -> str:
         """Name of the method that uses this proposal; the name of the proposal if no method uses it."""
-        proposal = kind(self.proposal)
+        proposal = kind(self.proposal).rpartition(":")[2]
         names = {settings["proposal.kind"]: method for method, settings in METHODS.items()}
         return names.get(proposal, proposal)
 

@@ -23,6 +23,10 @@ class Trajectory(NamedTuple):
     stamps: Float64[np.ndarray, "M"]
     poses: Float64[np.ndarray, "M 3"]
 
+    def __repr__(self) -> str:
+        length, duration = path_length(self.poses), np.ptp(self.stamps) if len(self.stamps) else 0.0
+        return f"Trajectory({len(self.stamps)} poses, {length:.1f} m, {duration:.1f} s)"
+
 
 # Seconds. Logs and relation files print stamps with few decimals, so equal times differ by rounding.
 STAMP_TOLERANCE = 1e-6

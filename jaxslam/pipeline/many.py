@@ -101,7 +101,7 @@ def run_many(
 ) -> ManyResult:
     """Run a filter with every key and every configuration; all runs share one program.
 
-    On a single CPU device, sequential runs are fastest (see "Many runs" in the README): under `vmap`, both
+    On a single CPU device, sequential runs are fastest (see `docs/guides/many-runs.md`): under `vmap`, both
     sides of every branch are computed and the maps are copied at every step. To use several CPU cores, create
     one device per core with `jax.config.update("jax_num_cpu_devices", 2)` before any other use of JAX. The
     runs are then distributed over the devices.

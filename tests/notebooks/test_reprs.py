@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from jaxslam.config.slam import SlamConfig
 from jaxslam.config.thinning import Thinning
 from jaxslam.core.flags import Flag
+from jaxslam.core.trajectory import Trajectory
 from jaxslam.fusion import FusedMotion
 from jaxslam.grid import KnownMap
 from jaxslam.io import OccupancyMap
@@ -54,6 +55,8 @@ SCANS_100 = pair_scans(LOG, Thinning(min_translation=0.04))
         (IMU, "ImuTrack(300 readings on imu/data, 149.5 s)"),
         (JOINTS, "JointTrack(7 readings on joint_states, 3.0 s, left, right)"),
         (FIXES, "FixTrack(0 fixes on fix)"),
+        (Trajectory(STAMPS, POSES), "Trajectory(500 poses, 5.4 m, 249.5 s)"),
+        (Trajectory(STAMPS[:0], POSES[:0]), "Trajectory(0 poses, 0.0 m, 0.0 s)"),
         (SCANS, "ScanTrack(400 scans on FLASER, 199.5 s, 36 beams)"),
         (LOG, f"SensorLog({Path('logs/a.log')}: 400 scans, 500 odometry poses)"),
         (

@@ -4,12 +4,15 @@ float32 would lose centimeters on a map in UTM coordinates. Poses are `[..., 3]`
 returned angles lie in [−π, π).
 """
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int
 
 from jaxslam.core import se2
+
+Alignment = Literal["se2", "first_pose", False]
+"""How an estimate is aligned with its reference: as a whole, by the first pose, or not at all."""
 
 
 class Trajectory(NamedTuple):

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float64, Int, PRNGKeyArray
 
 from jaxslam.core import se2
 from jaxslam.core.flags import Flag
+from jaxslam.core.trajectory import Alignment
 from jaxslam.grid.known_map import KnownMap
 from jaxslam.localization import AMCL, AMCLInfo, AMCLState
 from jaxslam.localization.start import start_at
@@ -20,6 +21,8 @@ from jaxslam.pipeline.result import AbstractResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from jaxslam.metrics import TrajectoryError
 
 _MOVED, _TURNED = 1.0, np.pi / 6
 """Jump of the estimate relative to the odometry that counts as a move elsewhere, meters and radians."""
@@ -117,6 +120,19 @@ class LocalizationResult(AbstractResult):
         from jaxslam.report.localization_folder import save_localization
 
         return save_localization(self, Path(folder))
+
+    def error(self, truth: Any, *, align: Alignment = False) -> "TrajectoryError":
+        """Return the error from the first agreement on, by default in the map frame; see `RunResult.error`.
+
+        Raises:
+            ValueError: the particles never agreed, or as `RunResult.error`.
+        """
+        from jaxslam.metrics.summary import reference_error
+
+        if not self.agreed.any():
+            raise ValueError("the particles never agreed, so there is no estimate: give a start pose")
+        since = float(self.stamps[np.argmax(self.agreed)])
+        return reference_error(truth, self.scans, self.all_poses, align=align, since=since)
 
     @property
     def agreed(self) -> Bool[np.ndarray, "T"]:

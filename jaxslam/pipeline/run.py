@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float32, Float64, Int, Int8, PRNGKeyArray
 
 from jaxslam.config.slam import SlamConfig
 from jaxslam.core.flags import Flag
-from jaxslam.core.trajectory import interpolate_along_odometry
+from jaxslam.core.trajectory import Alignment, interpolate_along_odometry
 from jaxslam.grid.box import known_box
 from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT
 from jaxslam.grid.spec import GridSpec
@@ -103,7 +103,7 @@ class RunResult(AbstractResult):
             "resamplings": str(int(self.resampled.sum())),
         }
 
-    def plot(self, ax: "Axes | None" = None, *, truth: Any = None) -> "Axes":
+    def plot(self, ax: "Axes | None" = None, *, truth: Any = None, align: Alignment = "se2") -> "Axes":
         """Draw the map, the path and the particles; needs matplotlib.
 
         Args:
@@ -111,10 +111,11 @@ class RunResult(AbstractResult):
             truth: true or reference trajectory, drawn dashed. It has `stamps` `[M]` and `poses` `[M, 3]`, as
                 returned by `jaxslam.sim.drive` and `jaxslam.io.read_tum`. Its `walls` are drawn too if it has
                 any.
+            align: how `truth` is moved to the estimate's frame, as in `error`; False draws it unmoved.
         """
         from jaxslam.viz.results import plot_run
 
-        return plot_run(self, ax, truth=truth)
+        return plot_run(self, ax, truth=truth, align=align)
 
     def save(self, folder: Path | str) -> Path:
         """Write map, trajectory, figures, metrics and configuration into a folder; needs the extra `cli`.

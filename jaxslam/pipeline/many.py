@@ -19,11 +19,12 @@ from jaxslam.config.dotted import flatten, update
 from jaxslam.core.flags import Flag
 from jaxslam.core.trajectory import Alignment
 from jaxslam.core.types import StepInputs
+from jaxslam.core.validation import require_keys, require_types
 from jaxslam.grid.field import window_rows
 from jaxslam.grid.spec import GridSpec
 from jaxslam.pipeline.chunks import pad_inputs, run_steps
 from jaxslam.pipeline.inputs import PreparedScans
-from jaxslam.pipeline.run import poses_at_every_scan
+from jaxslam.pipeline.run import FROM_PREPARE, poses_at_every_scan
 from jaxslam.slam.rbpf import RBPF, trajectory
 from jaxslam.xla.compiler import compiler_options
 from jaxslam.xla.resources import memory_of, physical_memory
@@ -205,8 +206,10 @@ def run_many(
     Example:
         64 configurations and 10 keys are 640 runs: `trajectories` is `[64, 10, T, 3]`.
     """
+    inputs = [scans] if isinstance(scans, PreparedScans) else scans
+    require_types("run_many", slam=(slam, RBPF, FROM_PREPARE), scans=(inputs, Sequence, FROM_PREPARE))
+    require_keys("run_many", keys, 1, "jax.random.split(jax.random.key(0), 8)")
     filters = _filters(slam, configs)
-    inputs = [scans] if isinstance(scans, PreparedScans) else list(scans)
     if len(keys) == 0 or len(inputs) not in (1, len(keys)):
         raise ValueError(f"{len(keys)} keys and {len(inputs)} inputs: give one input, or one for each key")
     if slam.mesh is not None:

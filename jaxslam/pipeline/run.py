@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float32, Float64, Int, Int8, PRNGKeyArray
 from jaxslam.config.slam import SlamConfig
 from jaxslam.core.flags import Flag
 from jaxslam.core.trajectory import Alignment, interpolate_along_odometry
+from jaxslam.core.validation import require_keys, require_types
 from jaxslam.grid.box import known_box
 from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT
 from jaxslam.grid.spec import GridSpec
@@ -25,6 +26,7 @@ from jaxslam.slam.rbpf import RBPF, RBPFState, StepInfo
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+FROM_PREPARE = "slam and scans, as in `slam, scans = jaxslam.prepare(log)`"
 _MAP_MARGIN = 0.5
 """Unknown space kept around the known part of a map, meters."""
 
@@ -194,6 +196,9 @@ def run_log(
     Raises:
         SlamError: the robot leaves the map.
     """
+    given = {"slam": (slam, RBPF, FROM_PREPARE), "scans": (scans, PreparedScans, FROM_PREPARE)}
+    require_types("run_log", **given)
+    require_keys("run_log", key, 0, "jax.random.key(0)")
 
     def check(state: RBPFState, infos: list[StepInfo]) -> None:
         if not may_leave_map:

@@ -171,6 +171,11 @@ class RBPF(eqx.Module):
         context: ProposalContext,
     ) -> ProposalResult:
         proposed = self.proposal.sample_all(keys, state.poses, context)
+        if not isinstance(proposed, ProposalResult):
+            name = type(self.proposal).__name__
+            raise TypeError(
+                f"{name}.sample returned no ProposalResult: return jaxslam.proposal.ProposalResult(pose, ...)"
+            )
         # Odometry that is not finite is ignored.
         predicted = jnp.where(_all_finite(predicted)[:, None], predicted, state.poses)
         finite = _all_finite(proposed.pose)

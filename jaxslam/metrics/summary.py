@@ -37,15 +37,8 @@ def reference_error(
 ) -> TrajectoryError:
     """Return the absolute trajectory error, with every reference pose compared at its own time.
 
-    Args:
-        truth: reference trajectory with `stamps` `[R]` and `poses` `[R, 3]`, on the log's clock.
-        scans: scans of the estimate. Their odometry extends it between their stamps.
-        poses: `[S, 3]` the estimate at all scans (m, m, rad).
-        align: alignment of the estimate with the reference, as in `absolute_trajectory_error`.
-        since: time from which on the estimate is compared, seconds.
-
-    Raises:
-        ValueError: fewer than two reference poses lie within the trajectory, or stamps run backwards.
+    Odometry extends the estimate, `poses` `[S, 3]` at all scans, between the scans. Only the estimate from
+    `since` (s) on counts. `truth` and `align` are those of `RunResult.error`, which has the same errors.
     """
     times, reference, estimate = _at_reference_times(truth, scans, poses, since)
     return absolute_trajectory_error(times, reference, times, estimate, align=align)

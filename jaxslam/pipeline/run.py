@@ -196,8 +196,7 @@ def run_log(
     Raises:
         SlamError: the robot leaves the map.
     """
-    given = {"slam": (slam, RBPF, FROM_PREPARE), "scans": (scans, PreparedScans, FROM_PREPARE)}
-    require_types("run_log", **given)
+    require_types("run_log", slam=(slam, RBPF, FROM_PREPARE), scans=(scans, PreparedScans, FROM_PREPARE))
     require_keys("run_log", key, 0, "jax.random.key(0)")
 
     def check(state: RBPFState, infos: list[StepInfo]) -> None:

@@ -172,9 +172,8 @@ class RBPF(eqx.Module):
     ) -> ProposalResult:
         proposed = self.proposal.sample_all(keys, state.poses, context)
         if not isinstance(proposed, ProposalResult):
-            name = type(self.proposal).__name__
             raise TypeError(
-                f"{name}.sample returned no ProposalResult: return jaxslam.proposal.ProposalResult(pose, ...)"
+                f"{type(self.proposal).__name__}: sample must return a jaxslam.proposal.ProposalResult"
             )
         # Odometry that is not finite is ignored.
         predicted = jnp.where(_all_finite(predicted)[:, None], predicted, state.poses)

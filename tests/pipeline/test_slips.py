@@ -40,7 +40,7 @@ SLIPS = {
     "jaxslam.run_log(slam, log, key)": "run_log: scans is of type SensorLog: give slam and scans, as in",
     "jaxslam.run_log(slam, scans, key=0)": "run_log: key is 0: give jax.random.key(0)",
     "jaxslam.run_log(slam, scans, keys)": "run_log: key is key<fry>[2]: give jax.random.key(0)",
-    "jaxslam.run_log(bare, scans, key)": "Bare.sample returned no ProposalResult: return",
+    "jaxslam.run_log(bare, scans, key)": "Bare: sample must return a jaxslam.proposal.Prop",
     "jaxslam.localize_log(slam, scans, key)": "localize_log: amcl is of type RBPF: give amcl and scans",
     "jaxslam.localize_log(amcl, scans, 3)": "localize_log: key is 3: give jax.random.key(0)",
     "jaxslam.run_many(slam, log, keys)": "run_many: scans is of type SensorLog: give slam and scans, as in",

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
         sensor,
         sim,
         slam,
-        study,
-        viz,
     )
+    from jaxslam import study as study
+    from jaxslam import viz as viz
     from jaxslam.config.localization import LocalizationConfig
     from jaxslam.config.slam import SlamConfig
     from jaxslam.io.log import LogError, SensorLog
@@ -70,8 +70,6 @@ __all__ = [
     "sensor",
     "sim",
     "slam",
-    "study",
-    "viz",
 ]
 
 _MODULES = {
@@ -93,6 +91,9 @@ _MODULES = {
 }
 """The module in `jaxslam` that defines each name; all other names in `__all__` are packages."""
 
+_OPTIONAL = ("study", "viz")
+"""Packages that need extras: `__all__` leaves them out, so that `help(jaxslam)` works without the extras."""
+
 
 def __getattr__(name: str) -> object:
     value: object
@@ -100,7 +101,7 @@ def __getattr__(name: str) -> object:
         value = importlib.import_module("importlib.metadata").version("jaxslam")
     elif name in _MODULES:
         value = getattr(importlib.import_module(f"jaxslam.{_MODULES[name]}"), name)
-    elif name in __all__:
+    elif name in __all__ or name in _OPTIONAL:
         value = importlib.import_module(f"jaxslam.{name}")
     else:
         raise AttributeError(f"module 'jaxslam' has no attribute {name!r}")

@@ -1,6 +1,7 @@
 """How the package is laid out, what `import jaxslam` gives, and what it does not load."""
 
 import collections
+import pydoc
 import subprocess
 import sys
 import tomllib
@@ -95,8 +96,21 @@ def test_a_download_needs_no_jax():
     assert loaded_by("import jaxslam.io.download", "jax", "equinox") == []
 
 
+def test_help_needs_no_extra():
+    extras = ("matplotlib", "optuna", "tyro", "tqdm", "tomlkit", "PIL", "rosbags", "optax", "skimage")
+    # An entry of None makes the import of a module fail.
+    blocked = f"import sys\nsys.modules.update(dict.fromkeys({extras}))"
+    program = f"{blocked}\nimport pydoc, jaxslam\nprint(pydoc.render_doc(jaxslam))"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    shown = pydoc.plain(done.stdout)
+    assert [name for name in jaxslam.__all__ if name not in shown] == ["__version__"]
+    assert "VERSION" in shown
+
+
 def test_every_public_name_is_there():
-    packages = [getattr(jaxslam, name) for name in jaxslam.__all__]
+    packages = [getattr(jaxslam, name) for name in (*jaxslam.__all__, "study", "viz")]
     packages = [jaxslam, *(p for p in packages if getattr(p, "__all__", None))]
     assert len(packages) > 5
     for package in packages:

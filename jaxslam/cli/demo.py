@@ -44,7 +44,7 @@ def execute(command: Demo, arguments: list[str]) -> None:
 
     import jaxslam
     from jaxslam.config.resolve import resolve_config
-    from jaxslam.report import make_folder, reference_error, trajectory_figures, write_run
+    from jaxslam.report import make_folder, trajectory_figures, write_run
 
     common.check_seed(command.seed)
     network = common.read_network(command.range_network)
@@ -62,8 +62,6 @@ def execute(command: Demo, arguments: list[str]) -> None:
     make_folder(folder)
     slam, scans = jaxslam.prepare(log, config, range_network=network)
     result = common.map_log(slam, scans, command.seed, gif=folder / "map.gif" if command.gif else None)
-    assert log.odometry is not None  # every simulated log has wheel odometry
-    error = reference_error(truth.stamps, truth.poses, result.all_stamps, result.all_poses, log.odometry)
     layer, figures = _compare(truth, result)
     origin = common.origin_of(arguments, command.seed, range_network=command.range_network)
     origin["log"] = {"path": f"simulation of {command.world}, {command.duration:g} s", "sha256": None}
@@ -71,7 +69,7 @@ def execute(command: Demo, arguments: list[str]) -> None:
         folder,
         result,
         origin=origin,
-        accuracy={"ate": trajectory_figures(error), "map": figures},
+        accuracy={"ate": trajectory_figures(result.error(truth)), "map": figures},
         truth=layer,
     )
     steps = ["jaxslam demo --method fruit-fly --gif", "jaxslam run LOG   (a log or bag of your own)"]

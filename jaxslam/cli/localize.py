@@ -11,9 +11,7 @@ from tyro.conf import arg
 from jaxslam.cli import common, options
 
 if TYPE_CHECKING:
-    from jaxslam.core.trajectory import Trajectory
-    from jaxslam.io import OccupancyMap, SensorLog
-    from jaxslam.metrics import TrajectoryError
+    from jaxslam.io import OccupancyMap
     from jaxslam.pipeline.localize import Cloud, LocalizationResult
 
 _FAR = 1e5
@@ -93,7 +91,12 @@ def execute(command: Localize, arguments: list[str]) -> None:
         on_chunk=clouds.append if command.gif else None,
     )
     common.warn(*result.warnings)
-    error = None if reference is None else _error(result, reference, log, command)
+    error = None
+    if reference is not None:
+        try:
+            error = result.error(reference)
+        except ValueError as reason:  # The run is complete without the error.
+            common.warn(f"{command.reference}: no error is reported: {reason}")
     if command.gif:
         animate_clouds(folder / "cloud.gif", result.map, clouds)
     origin = common.origin_of(
@@ -114,29 +117,6 @@ def _warn_if_far(path: Path, map: "OccupancyMap") -> None:
             f"{path}: its origin is {farthest:.0f} m away from 0, where positions are resolved to only "
             f"{precision:.2g} m: move the origin closer to 0"
         )
-
-
-def _error(
-    result: "LocalizationResult", reference: "Trajectory", log: "SensorLog", command: Localize
-) -> "TrajectoryError | None":
-    """Measure the error in the map frame from the first agreement on; there is no estimate before."""
-    import numpy as np
-
-    from jaxslam.report import reference_error
-
-    assert log.odometry is not None  # `prepare_localization` has checked it
-    if not result.agreed.any():
-        common.warn(f"{command.reference}: no error is reported: the particles never agreed")
-        return None
-    since = result.all_stamps >= result.stamps[np.argmax(result.agreed)]
-    try:
-        return reference_error(
-            *reference, result.all_stamps[since], result.all_poses[since], log.odometry, align=False
-        )
-    except ValueError as error:
-        # The run is complete without the error.
-        common.warn(f"{command.reference}: no error is reported: since the particles first agreed, {error}")
-        return None
 
 
 def _start(command: Localize) -> tuple[float, float, float] | None:

@@ -10,7 +10,7 @@ from jaxslam.cli import common, options
 
 if TYPE_CHECKING:
     from jaxslam.core.trajectory import Trajectory
-    from jaxslam.io import Relations, SensorLog
+    from jaxslam.io import Relations
     from jaxslam.pipeline.run import RunResult
 
 _FEW_RELATIONS = 0.9
@@ -91,7 +91,7 @@ def execute(command: Run, arguments: list[str]) -> None:
     fused, timing = scans.fused, scans.timing
     origin["fused"] = None if fused is None else {"readings": fused.readings, "refused": fused.refused}
     origin["scan_timing"] = None if timing is None else dataclasses.asdict(timing)
-    accuracy = _accuracy(result, log, relations, reference)
+    accuracy = _accuracy(result, relations, reference)
     metrics = write_run(folder, result, origin=origin, accuracy=accuracy)
     chosen = "given" if command.lidar or command.config else "chosen by the scans of the log"
     assert config.lidar is not None  # `resolve_config` has set it
@@ -104,21 +104,18 @@ def execute(command: Run, arguments: list[str]) -> None:
 
 
 def _accuracy(
-    result: "RunResult", log: "SensorLog", relations: "Relations | None", reference: "Trajectory | None"
+    result: "RunResult", relations: "Relations | None", reference: "Trajectory | None"
 ) -> dict[str, object]:
     """Return the errors of a run for `metrics.json`; empty without a ground truth."""
-    from jaxslam.report import reference_error, relation_figures, trajectory_figures
+    from jaxslam.report import relation_figures, trajectory_figures
 
-    assert log.odometry is not None  # `prepare` has checked it
     errors: dict[str, object] = {}
     if relations is not None:
-        figures = relation_figures(result.all_stamps, result.all_poses, log.odometry, relations)
-        errors["relations"] = figures
+        errors["relations"] = figures = relation_figures(relations, result.scans, result.all_poses)
         total = len(relations.stamps_from)
         if figures["n"] < _FEW_RELATIONS * total:
             used = f"only {figures['n']:.0f} of the {total} relations lie within the log"
             common.warn(f"{used}: do they belong to another log?")
     if reference is not None:
-        error = reference_error(*reference, result.all_stamps, result.all_poses, log.odometry)
-        errors["ate"] = trajectory_figures(error)
+        errors["ate"] = trajectory_figures(result.error(reference))
     return errors

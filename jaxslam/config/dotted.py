@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from types import UnionType
 from typing import Any, TypeVar
 
-from jaxslam.config.registry import VARIANTS, choices, kind
+from jaxslam.config.registry import VARIANTS, build, choices, kind
 
 Scalar = bool | int | float | str
 Tree = TypeVar("Tree")
@@ -93,7 +93,8 @@ def _walk(
     meanings = _attributes(type(tree)) if explain else {}
     # A field declared with a concrete class is not a choice, even if that class is a registered variant.
     if declared in VARIANTS:
-        yield prefix + KIND, kind(tree), f"one of {', '.join(choices(tree))}"
+        names = ", ".join(choices(tree))
+        yield prefix + KIND, kind(tree), f"one of {names}, or module:Class for a class of your own"
     fields = dataclasses.fields(tree)  # type: ignore[arg-type]
     # Scalars come first: in TOML they would otherwise belong to the table of the previous part.
     for field in fields:
@@ -181,11 +182,10 @@ def _chosen(part: object, name: str, changes: Mapping[str, object]) -> object:
     wanted = changes.get(f"{name}.{KIND}")
     if wanted is None or wanted == kind(part):
         return part
-    known = choices(part)
-    if wanted not in known:
-        nearest = difflib.get_close_matches(str(wanted), known, n=1, cutoff=0.0)[0]
-        raise ValueError(f"{name} is {wanted!r}: did you mean {nearest!r}? There are {', '.join(known)}")
-    return known[str(wanted)]()
+    try:
+        return build(part, str(wanted))
+    except ValueError as error:
+        raise ValueError(f"{name} is {wanted!r}: {error}") from None
 
 
 def _converted(name: str, value: object, annotation: object) -> Scalar:

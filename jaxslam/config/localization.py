@@ -10,7 +10,7 @@ from jaxslam.config.dotted import UNSET, update
 from jaxslam.config.lidar import LidarSettings, Number
 from jaxslam.config.lidar_presets import LidarPreset
 from jaxslam.config.thinning import Thinning
-from jaxslam.core.validation import require_at_least_zero
+from jaxslam.core.validation import require_at_least_zero, require_count
 from jaxslam.localization import Agreement, Clustering, KLDSampling, Recovery
 from jaxslam.localization.skipping import BeamSkipping
 from jaxslam.motion import AbstractMotionModel, OdometryMotion
@@ -101,8 +101,7 @@ class LocalizationConfig(eqx.Module):
     agreement: Agreement = Agreement()
 
     def __check_init__(self):
-        if self.max_particles < 1:
-            raise ValueError(f"max_particles is {self.max_particles}: give 1 or more")
+        require_count(self, "max_particles")
         require_at_least_zero(self, positive=("max_distance",))
 
     def with_lidar(self, preset: LidarPreset | str) -> "LocalizationConfig":

@@ -1,7 +1,13 @@
 """The classes that a configuration can choose from, by name.
 
-Register a new proposal, motion model, sensor model or resampler here with one line.
+Register a new proposal, motion model, sensor model or resampler here with one line. A class that is not
+registered is called `module:Class`.
 """
+
+import difflib
+import importlib
+import operator
+import sys
 
 import equinox as eqx
 
@@ -45,12 +51,43 @@ def choices(part: object) -> dict[str, type[eqx.Module]]:
 
 
 def kind(part: object) -> str:
-    """Return the registered name of the class of `part`.
-
-    Raises:
-        ValueError: the class is not registered.
-    """
+    """Return the registered name of the class of `part`, or `module:Class` for any other class."""
     for name, variant in choices(part).items():
         if type(part) is variant:
             return name
-    raise ValueError(f"{type(part).__name__} is not registered: add it to jaxslam.config.registry.VARIANTS")
+    return f"{type(part).__module__}:{type(part).__qualname__}"
+
+
+def build(part: object, name: str) -> eqx.Module:
+    """Return the defaults of another class that can replace `part`, which is a choice.
+
+    Args:
+        part: part of a configuration.
+        name: registered name, or `module:Class`. The module is installed or lies in the current folder.
+
+    Raises:
+        ValueError: no such class exists, or it cannot replace `part`.
+    """
+    base, known = next((base, named) for base, named in VARIANTS.items() if isinstance(part, base))
+    if name in known:
+        return known[name]()
+    module, colon, path = name.partition(":")
+    if not colon:
+        nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.0)[0]
+        others = f"There are {', '.join(known)}, and module:Class for a class of your own"
+        raise ValueError(f"did you mean {nearest!r}? {others}")
+    if "" not in sys.path:
+        # The `jaxslam` command does not search the current folder by itself.
+        sys.path.append("")
+    try:
+        found = operator.attrgetter(path)(importlib.import_module(module))
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ValueError(
+            f"{error}: give a class in a module of the current folder or an installed one"
+        ) from None
+    if not (isinstance(found, type) and issubclass(found, base)):
+        raise ValueError(f"{path} is not a subclass of {base.__name__}: derive it from {base.__name__}")
+    try:
+        return found()
+    except TypeError as error:
+        raise ValueError(f"{error}: implement every method and give every field a default") from None

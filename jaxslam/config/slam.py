@@ -12,7 +12,7 @@ from jaxslam.config.lidar import LidarSettings, Number
 from jaxslam.config.lidar_presets import LidarPreset
 from jaxslam.config.registry import kind
 from jaxslam.config.thinning import Thinning
-from jaxslam.core.validation import require_number
+from jaxslam.core.validation import require_count, require_number
 from jaxslam.grid.distance import MAX_RADIUS
 from jaxslam.grid.occupancy import OccupancyModel
 from jaxslam.motion import AbstractMotionModel, OdometryMotion
@@ -94,13 +94,12 @@ class SlamConfig(eqx.Module):
     occupancy: OccupancyModel = OccupancyModel()
 
     def __check_init__(self):
-        if self.num_particles < 1:
-            raise ValueError(f"num_particles is {self.num_particles}: give 1 or more")
+        require_count(self, "num_particles")
 
     @property
     def method(self) -> str:
         """Name of the method that uses this proposal; the name of the proposal if no method uses it."""
-        proposal = kind(self.proposal)
+        proposal = kind(self.proposal).rpartition(":")[2]
         names = {settings["proposal.kind"]: method for method, settings in METHODS.items()}
         return names.get(proposal, proposal)
 

@@ -4,12 +4,15 @@ float32 would lose centimeters on a map in UTM coordinates. Poses are `[..., 3]`
 returned angles lie in [−π, π).
 """
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int
 
 from jaxslam.core import se2
+
+Alignment = Literal["se2", "first_pose", False]
+"""How an estimate is aligned with its reference: as a whole, by the first pose, or not at all."""
 
 
 class Trajectory(NamedTuple):
@@ -22,6 +25,10 @@ class Trajectory(NamedTuple):
 
     stamps: Float64[np.ndarray, "M"]
     poses: Float64[np.ndarray, "M 3"]
+
+    def __repr__(self) -> str:
+        length, duration = path_length(self.poses), np.ptp(self.stamps) if len(self.stamps) else 0.0
+        return f"Trajectory({len(self.stamps)} poses, {length:.1f} m, {duration:.1f} s)"
 
 
 # Seconds. Logs and relation files print stamps with few decimals, so equal times differ by rounding.

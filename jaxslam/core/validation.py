@@ -1,9 +1,12 @@
-"""Checks of a model's parameters when it is constructed."""
+"""Checks of a model's parameters when it is constructed, and of the arguments of the main functions."""
 
+import dataclasses
 import math
+import reprlib
 from collections.abc import Callable
 
 import equinox as eqx
+import jax
 
 
 def require_at_least_zero(model: eqx.Module, positive: tuple[str, ...] = ()) -> None:
@@ -50,3 +53,41 @@ def require_number(module: eqx.Module, name: str, holds: Callable[[float], bool]
     if isinstance(value, float) and not (math.isfinite(value) and holds(value)):
         part = type(module).__name__.removesuffix("Settings").lower()
         raise ValueError(f"{part}.{name} is {value}: give {wanted}")
+
+
+def require_count(module: eqx.Module, name: str) -> None:
+    """Raise `ValueError` unless a setting is a whole number, 1 or more."""
+    value = getattr(module, name)
+    if not (hasattr(value, "__index__") and value >= 1):
+        wanted = "1 or more" if hasattr(value, "__index__") else "a whole number"
+        raise ValueError(f"{name} is {value!r}: give {wanted}")
+
+
+def require_types(function: str, **arguments: tuple[object, type, str]) -> None:
+    """Raise `TypeError` for an argument of the wrong type; each is its value, its type and what to give."""
+    for name, (value, wanted, remedy) in arguments.items():
+        if not isinstance(value, wanted):
+            raise TypeError(f"{function}: {name} is of type {type(value).__name__}: give {remedy}")
+
+
+def require_keys(function: str, keys: object, dimensions: int, example: str) -> None:
+    """Raise `TypeError` unless `keys` are PRNG keys, new or old, in an array with these dimensions."""
+    if isinstance(keys, jax.Array):
+        is_new = jax.dtypes.issubdtype(keys.dtype, jax.dtypes.prng_key)
+        if keys.ndim == dimensions + (not is_new) and (is_new or keys.dtype == "uint32"):
+            return
+    shown = f"{keys.dtype}{list(keys.shape)}" if isinstance(keys, jax.Array) else reprlib.repr(keys)
+    raise TypeError(f"{function}: {'keys are' if dimensions else 'key is'} {shown}: give {example}")
+
+
+def require_static_sizes(module: eqx.Module) -> None:
+    """Raise `TypeError` for a size or a choice that is not static, in a module or its parts."""
+    for field in dataclasses.fields(module):
+        value = getattr(module, field.name)
+        if field.type in (bool, int, str, "bool", "int", "str") and not field.metadata.get("static"):
+            raise TypeError(
+                f"{type(module).__name__}.{field.name} is a size or a choice, but not static: declare it as "
+                f"equinox.field(static=True, default={value!r})"
+            )
+        if isinstance(value, eqx.Module):
+            require_static_sizes(value)

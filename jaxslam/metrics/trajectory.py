@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jaxslam.core import se2
+from jaxslam.core.trajectory import Alignment
 from jaxslam.metrics.alignment import align_se2, associate, check_poses
 
-Alignment = Literal["se2", "first_pose", False]
 Unit = Literal["frames", "meters", "seconds"]
 
 
@@ -56,20 +56,27 @@ def pose_errors(
     max_difference: float = 0.01,
 ) -> PoseErrors:
     """Return the error of each matched pose after alignment. Arguments as in `absolute_trajectory_error`."""
-    if align not in ("se2", "first_pose", False):
-        raise ValueError(f"align is {align!r}: give 'se2', 'first_pose' or False")
     stamps, reference, estimate = _matched(
         stamps_reference, poses_reference, stamps_estimate, poses_estimate, max_difference
     )
-    if align == "se2":
-        estimate = se2.compose(align_se2(reference, estimate)[None], estimate)
-    elif align == "first_pose":
-        estimate = se2.compose(se2.compose(reference[:1], se2.inverse(estimate[:1])), estimate)
+    if align is not False:
+        estimate = se2.compose(estimate_frame(reference, estimate, align)[None], estimate)
     return PoseErrors(
         stamps=stamps,
         position_m=np.linalg.norm(estimate[:, :2] - reference[:, :2], axis=1),
         heading_rad=se2.wrap(estimate[:, 2] - reference[:, 2]),
     )
+
+
+def estimate_frame(
+    reference: Float[np.ndarray, "n 3"], estimate: Float[np.ndarray, "n 3"], align: Alignment
+) -> Float[np.ndarray, "3"]:
+    """Return the pose `[3]` of the estimate's frame in the reference's, from matched poses `[n, 3]`."""
+    if align == "se2":
+        return align_se2(reference, estimate)
+    if align == "first_pose":
+        return se2.compose(reference[0], se2.inverse(estimate[0]))
+    raise ValueError(f"align is {align!r}: give 'se2', 'first_pose' or False")
 
 
 def absolute_trajectory_error(

@@ -14,7 +14,7 @@ from jaxslam.core.trajectory import interpolate_poses
 from jaxslam.core.types import LidarScan, OdometryIncrement, StepInputs
 from jaxslam.fusion.fuse import FusedMotion
 from jaxslam.fusion.imu import YawTrack
-from jaxslam.io.log import LogError, SensorLog
+from jaxslam.io.log import LogError, OdometryTrack, SensorLog
 from jaxslam.preprocess.deskew import SweepTiming
 
 _TOLERANCE = 0.5
@@ -34,6 +34,7 @@ class PreparedScans:
         all_stamps: `[S]` stamps of these scans, seconds.
         all_odometry: `[S, 3]` odometry poses at these scans (m, m, rad).
         odometry_bounds: `[2, 2]` lower and upper corner of the odometry path, meters.
+        odometry: odometry of the log.
         num_scans: number of scans in the log.
         config: complete configuration that the scans were prepared for, or None.
         timing: timing of the scans relative to the odometry; None if it cannot be estimated from the log.
@@ -49,6 +50,7 @@ class PreparedScans:
     all_stamps: Float64[np.ndarray, "S"]
     all_odometry: Float64[np.ndarray, "S 3"]
     odometry_bounds: Float64[np.ndarray, "2 2"]
+    odometry: OdometryTrack
     num_scans: int = 0
     config: SlamConfig | LocalizationConfig | None = None
     timing: SweepTiming | None = None
@@ -119,6 +121,7 @@ def pair_scans(log: SensorLog, thinning: Thinning) -> PreparedScans:
         all_stamps=scans.stamps[candidates],
         all_odometry=poses,
         odometry_bounds=np.stack([positions.min(axis=0), positions.max(axis=0)]),
+        odometry=odometry,
         num_scans=len(scans.stamps),
     )
 

@@ -11,6 +11,8 @@ from jaxtyping import Bool, Float64, Int, PRNGKeyArray
 
 from jaxslam.core import se2
 from jaxslam.core.flags import Flag
+from jaxslam.core.trajectory import Alignment
+from jaxslam.core.validation import require_keys, require_types
 from jaxslam.grid.known_map import KnownMap
 from jaxslam.localization import AMCL, AMCLInfo, AMCLState
 from jaxslam.localization.start import start_at
@@ -20,6 +22,8 @@ from jaxslam.pipeline.result import AbstractResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from jaxslam.metrics import TrajectoryError
 
 _MOVED, _TURNED = 1.0, np.pi / 6
 """Jump of the estimate relative to the odometry that counts as a move elsewhere, meters and radians."""
@@ -96,27 +100,30 @@ class LocalizationResult(AbstractResult):
     def plot(self, ax: "Axes | None" = None, *, truth: Any = None) -> "Axes":
         """Draw the map, the path where the particles agreed, and the final particles; needs matplotlib.
 
-        Args:
-            ax: axes to draw on; None for pyplot's current ones.
-            truth: true or reference trajectory in the map frame, drawn dashed. It has `stamps` `[M]` and
-                `poses` `[M, 3]`, as returned by `jaxslam.sim.drive` and `jaxslam.io.read_tum`. Its `walls`
-                are drawn too if it has any.
+        The arguments are those of `RunResult.plot`; `truth` is in the map frame.
         """
         from jaxslam.viz.clouds import plot_localization
 
         return plot_localization(self, ax, truth=truth)
 
     def save(self, folder: Path | str) -> Path:
-        """Write trajectory, pictures, metrics and configuration into a folder; needs the extra `cli`.
-
-        The folder is created if needed. Existing files in it are overwritten.
-
-        Returns:
-            The path of `cloud.png`.
-        """
+        """Write a folder as `RunResult.save` does, and return the path of its picture `cloud.png`."""
         from jaxslam.report.localization_folder import save_localization
 
         return save_localization(self, Path(folder))
+
+    def error(self, truth: Any, *, align: Alignment = False) -> "TrajectoryError":
+        """Return the error from the first agreement on, by default in the map frame; see `RunResult.error`.
+
+        Raises:
+            ValueError: the particles never agreed, or as `RunResult.error`.
+        """
+        from jaxslam.metrics.summary import reference_error
+
+        if not self.agreed.any():
+            raise ValueError("the particles never agreed, so there is no estimate: give a start pose")
+        since = float(self.stamps[np.argmax(self.agreed)])
+        return reference_error(truth, self.scans, self.all_poses, align=align, since=since)
 
     @property
     def agreed(self) -> Bool[np.ndarray, "T"]:
@@ -205,6 +212,9 @@ def localize_log(
     Raises:
         ValueError: the start lies outside the map or outside its free space.
     """
+    wanted = "amcl and scans, as in `amcl, scans = jaxslam.prepare_localization(log, map)`"
+    require_types("localize_log", amcl=(amcl, AMCL, wanted), scans=(scans, PreparedScans, wanted))
+    require_keys("localize_log", key, 0, "jax.random.key(0)")
     # The steps count from 0 and never reach this index.
     key_start = jax.random.fold_in(key, 2**32 - 1)
     if start is None:

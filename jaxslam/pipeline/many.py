@@ -5,24 +5,32 @@ import functools
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, PartitionSpec
-from jaxtyping import Array, Bool, Float, Float32, Int, Int8, Key
+from jaxtyping import Array, Bool, Float, Float32, Float64, Int, Int8, Key
 
 from jaxslam.config.dotted import flatten, update
 from jaxslam.core.flags import Flag
+from jaxslam.core.trajectory import Alignment
 from jaxslam.core.types import StepInputs
+from jaxslam.core.validation import require_keys, require_types
 from jaxslam.grid.field import window_rows
+from jaxslam.grid.spec import GridSpec
 from jaxslam.pipeline.chunks import pad_inputs, run_steps
 from jaxslam.pipeline.inputs import PreparedScans
+from jaxslam.pipeline.run import FROM_PREPARE, poses_at_every_scan
 from jaxslam.slam.rbpf import RBPF, trajectory
 from jaxslam.xla.compiler import compiler_options
 from jaxslam.xla.resources import memory_of, physical_memory
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _BYTES_PER_WINDOW_CELL = 5
 """Working memory of a step, per particle and cell of its window."""
@@ -41,6 +49,9 @@ class ManyResult:
     `T` is the number of scans of the longest input.
 
     Attributes:
+        scans: the scans that all runs processed, or one element for each key.
+        configs: the `C` values of each setting in which the configurations differ, by its full name.
+        grids: position and cell size of the maps of each configuration.
         trajectories: `[C, S, T, 3]` poses of the best particle (m, m, rad); NaN after the end of an input.
         ess: `[C, S, T]` effective sample size before resampling.
         resampled: `[C, S, T]` steps at which the particles were resampled.
@@ -50,8 +61,12 @@ class ManyResult:
         run_s: seconds spent running, without compilation.
         scans_per_s: processed scans of all runs per second of `run_s`.
         ms_per_scan: milliseconds per scan of one run while the other runs of its call run in parallel.
+        truth: the truth given to `run_many`, or None.
     """
 
+    scans: tuple[PreparedScans, ...]
+    configs: Mapping[str, Sequence[Any]]
+    grids: tuple[GridSpec, ...]
     trajectories: Float32[np.ndarray, "C S T 3"]
     ess: Float32[np.ndarray, "C S T"]
     resampled: Bool[np.ndarray, "C S T"]
@@ -61,6 +76,63 @@ class ManyResult:
     run_s: float
     scans_per_s: float
     ms_per_scan: float
+    truth: Any = None
+
+    @property
+    def stamps(self) -> Float64[np.ndarray, "S T"]:
+        """Stamps of the processed scans for each key, seconds; NaN after the end of an input."""
+        _, num_keys, total, _ = self.trajectories.shape
+        each = [self.scans[s % len(self.scans)].stamps for s in range(num_keys)]
+        return np.stack([np.pad(one, (0, total - len(one)), constant_values=np.nan) for one in each])
+
+    def errors(self, truth: Any = None, *, align: Alignment = "se2") -> Float64[np.ndarray, "C S"]:
+        """Return the RMSE of the position in each run, meters, as `RunResult.error` measures it.
+
+        Args:
+            truth: as for `RunResult.error`, or one for each key; None for the one given to `run_many`.
+            align: as for `RunResult.error`.
+
+        Raises:
+            ValueError: the number of truths is wrong, or as `RunResult.error`.
+        """
+        from jaxslam.metrics.summary import reference_error
+
+        truth, (num_configs, num_keys) = self.truth if truth is None else truth, self.left_map.shape
+        truths = [truth] * num_keys if hasattr(truth, "stamps") else list(truth or ())
+        if len(truths) != num_keys:
+            raise ValueError(f"{len(truths)} truths for {num_keys} keys: give one truth, or one for each key")
+
+        def rmse(c: int, s: int) -> float:
+            run = self._run(c, s)
+            return reference_error(truths[s], run.scans, run.all_poses, align=align).rmse_m
+
+        return np.array([[rmse(c, s) for s in range(num_keys)] for c in range(num_configs)])
+
+    def plot(
+        self, c: int = 0, s: int = 0, ax: "Axes | None" = None, *, truth: Any = None, align: Alignment = "se2"
+    ) -> "Axes":
+        """Draw the map and the path of run `(c, s)`, as `RunResult.plot` does; needs matplotlib.
+
+        Raises:
+            ValueError: no maps were kept.
+        """
+        from jaxslam.viz.results import plot_path
+
+        if self.log_odds is None:
+            raise ValueError("no maps were kept: give maps=True to run_many")
+        return plot_path(self._run(c, s), ax, truth, align)
+
+    def _run(self, c: int, s: int) -> SimpleNamespace:
+        """Return one run under the names of `RunResult`."""
+        scans = self.scans[s % len(self.scans)]
+        path = self.trajectories[c, s, : len(scans.stamps)].astype(np.float64)
+        return SimpleNamespace(
+            scans=scans,
+            trajectory=path,
+            all_poses=poses_at_every_scan(scans, path),
+            log_odds=None if self.log_odds is None else self.log_odds[c, s],
+            grid=self.grids[c],
+        )
 
     @property
     def left_map(self) -> Bool[np.ndarray, "C S"]:
@@ -78,14 +150,19 @@ class ManyResult:
         from jaxslam.viz.notebook import table_html
 
         num_configs, num_keys, num_scans, _ = self.trajectories.shape
-        return table_html(
-            {
-                "runs": f"{num_configs} configurations × {num_keys} keys",
-                "scans": f"{num_scans} in the longest run",
-                "time": f"{self.scans_per_s:.0f} scans per second, {self.compile_s:.1f} s to compile",
-                "left the map": f"{int(self.left_map.sum())} of {self.left_map.size} runs",
-            }
-        )
+        rows = {
+            "runs": f"{num_configs} configurations × {num_keys} keys",
+            "scans": f"{num_scans} in the longest run",
+            "time": f"{self.scans_per_s:.0f} scans per second, {self.compile_s:.1f} s to compile",
+            "left the map": f"{int(self.left_map.sum())} of {self.left_map.size} runs",
+        }
+        errors = None if self.truth is None else self.errors()
+        for c in range(num_configs):
+            swept = [f"{name} = {values[c]:g}" for name, values in self.configs.items()]
+            left = f"{int(self.left_map[c].sum())} of {num_keys} runs left the map"
+            error = "" if errors is None else f"RMSE {errors[c].mean():.3f} ± {errors[c].std():.3f} m, "
+            rows[", ".join([f"configuration {c}", *swept])] = error + left
+        return table_html(rows)
 
 
 def run_many(
@@ -95,13 +172,14 @@ def run_many(
     configs: Mapping[str, Any] | Sequence[RBPF] | None = None,
     *,
     maps: bool = False,
+    truth: Any = None,
     together: int | None = None,
     devices: Sequence[jax.Device] | None = None,
     progress: bool = False,
 ) -> ManyResult:
     """Run a filter with every key and every configuration; all runs share one program.
 
-    On a single CPU device, sequential runs are fastest (see "Many runs" in the README): under `vmap`, both
+    On a single CPU device, sequential runs are fastest (see `docs/guides/many-runs.md`): under `vmap`, both
     sides of every branch are computed and the maps are copied at every step. To use several CPU cores, create
     one device per core with `jax.config.update("jax_num_cpu_devices", 2)` before any other use of JAX. The
     runs are then distributed over the devices.
@@ -115,6 +193,7 @@ def run_many(
             have the same length; configuration c takes element c of each list. Alternatively `C` filters that
             differ in traced numbers only. None runs `slam` alone.
         maps: keep the map of the best particle of every run.
+        truth: truth for `ManyResult.errors`, which the table of the result then shows.
         together: number of runs that are vmapped on a device; None for 1 on a CPU and 16 on other devices.
         devices: devices to distribute the runs over; None takes all devices of the default backend, limited
             on a CPU by the available memory.
@@ -127,8 +206,10 @@ def run_many(
     Example:
         64 configurations and 10 keys are 640 runs: `trajectories` is `[64, 10, T, 3]`.
     """
+    inputs = [scans] if isinstance(scans, PreparedScans) else scans
+    require_types("run_many", slam=(slam, RBPF, FROM_PREPARE), scans=(inputs, Sequence, FROM_PREPARE))
+    require_keys("run_many", keys, 1, "jax.random.split(jax.random.key(0), 8)")
     filters = _filters(slam, configs)
-    inputs = [scans] if isinstance(scans, PreparedScans) else list(scans)
     if len(keys) == 0 or len(inputs) not in (1, len(keys)):
         raise ValueError(f"{len(keys)} keys and {len(inputs)} inputs: give one input, or one for each key")
     if slam.mesh is not None:
@@ -170,7 +251,18 @@ def run_many(
     started = time.perf_counter()
     outcomes = [call(rows, over) for rows in _with_progress(calls, progress)]
     run_s = time.perf_counter() - started
-    return _result(outcomes, np.broadcast_to(over.lengths, len(keys)), len(filters), compile_s, run_s)
+    rows = [flatten(each) for each in filters]
+    values = {name: [row[name] for row in rows] for name in rows[0]}
+    return _result(
+        outcomes,
+        np.broadcast_to(over.lengths, len(keys)),
+        run_s,
+        scans=tuple(inputs),
+        configs={name: given for name, given in values.items() if len(set(given)) > 1},
+        grids=tuple(each.grid for each in filters),
+        compile_s=compile_s,
+        truth=truth,
+    )
 
 
 def _calls(num_configs: int, num_keys: int, per_call: int) -> Int[np.ndarray, "n R 2"]:
@@ -181,14 +273,10 @@ def _calls(num_configs: int, num_keys: int, per_call: int) -> Int[np.ndarray, "n
 
 
 def _result(
-    outcomes: "Sequence[_Outcome]",
-    lengths: Int[np.ndarray, "S"],
-    num_configs: int,
-    compile_s: float,
-    run_s: float,
+    outcomes: "Sequence[_Outcome]", lengths: Int[np.ndarray, "S"], run_s: float, **known: Any
 ) -> ManyResult:
     """Arrange the outcomes of the calls by configuration and key, cut to the longest input."""
-    num_keys, longest = len(lengths), int(lengths.max())
+    num_configs, num_keys, longest = len(known["grids"]), len(lengths), int(lengths.max())
     outcome = jax.tree.map(lambda *parts: np.concatenate(parts)[: num_configs * num_keys], *outcomes)
     outcome = jax.tree.map(lambda rows: rows.reshape(num_configs, num_keys, *rows.shape[1:]), outcome)
     ended = np.arange(longest) >= lengths[:, None]
@@ -198,10 +286,10 @@ def _result(
         resampled=outcome.resampled[:, :, :longest],
         flags=outcome.flags[:, :, :longest],
         log_odds=outcome.log_odds,
-        compile_s=compile_s,
         run_s=run_s,
         scans_per_s=num_configs * float(lengths.sum()) / run_s,
         ms_per_scan=1e3 * run_s / (len(outcomes) * float(lengths.mean())),
+        **known,
     )
 
 

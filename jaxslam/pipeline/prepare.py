@@ -6,6 +6,7 @@ from jaxslam.config.lidar import LidarSettings
 from jaxslam.config.lidar_presets import detect_lidar
 from jaxslam.config.localization import LocalizationConfig
 from jaxslam.config.slam import SlamConfig
+from jaxslam.core.validation import require_static_sizes, require_types
 from jaxslam.fusion.imu import turning_is_known
 from jaxslam.io.log import SensorLog
 from jaxslam.io.map_server import OccupancyMap
@@ -39,7 +40,12 @@ def prepare(
         LogError: the log lacks what the configuration needs.
         ValueError: the maps would not fit into memory.
     """
-    config = config or SlamConfig()
+    config = SlamConfig() if config is None else config
+    example = "a SlamConfig, such as jaxslam.SlamConfig(num_particles=15)"
+    require_types(
+        "prepare", log=(log, SensorLog, "the log from jaxslam.read_log"), config=(config, SlamConfig, example)
+    )
+    require_static_sizes(config)
     lidar = config.lidar or LidarSettings.from_preset(detect_lidar(log))
     log, timing = correct_scans(log, lidar)
     config = replace(config, lidar=lidar)
@@ -76,7 +82,14 @@ def prepare_localization(
         LogError: the log lacks scans or odometry.
         ValueError: the map has no obstacle or no free space, or the filter would not fit into memory.
     """
-    config = config or LocalizationConfig()
+    config = LocalizationConfig() if config is None else config
+    require_types(
+        "prepare_localization",
+        log=(log, SensorLog, "the log from jaxslam.read_log"),
+        map=(map, OccupancyMap, "the map from jaxslam.io.read_map"),
+        config=(config, LocalizationConfig, "a LocalizationConfig"),
+    )
+    require_static_sizes(config)
     lidar = config.lidar or LidarSettings.from_preset(detect_lidar(log))
     log, timing = correct_scans(log, lidar)
     scans = replace(pair_scans(log, config.thinning), timing=timing, config=replace(config, lidar=lidar))

@@ -6,16 +6,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float64
 
+from jaxslam.core.trajectory import Alignment
 from jaxslam.pipeline.inputs import PreparedScans
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from jaxslam.metrics import TrajectoryError
 
 
 class AbstractResult(ABC):
     """Base of `RunResult` and `LocalizationResult`."""
 
     scans: PreparedScans
+    all_poses: Float64[np.ndarray, "S 3"]
     compile_s: float
     run_s: float
 
@@ -27,6 +31,23 @@ class AbstractResult(ABC):
     @abstractmethod
     def plot(self, ax: "Axes | None" = None, *, truth: Any = None) -> "Axes":
         """Draw the result; needs matplotlib."""
+
+    def error(self, truth: Any, *, align: Alignment = "se2") -> "TrajectoryError":
+        """Return the error of the trajectory: position (RMSE, mean, largest) and heading.
+
+        Args:
+            truth: true or reference trajectory. It has `stamps` `[M]` and `poses` `[M, 3]`, as returned by
+                `jaxslam.sim.drive` and `jaxslam.io.read_tum`. Each of its poses is compared at its own time.
+            align: "se2" moves the whole estimate for the least squared position error, "first_pose" moves its
+                first pose to the truth's, False compares in the same frame.
+
+        Raises:
+            ValueError: fewer than two poses of `truth` lie within the trajectory, or the alignment is not
+                determined.
+        """
+        from jaxslam.metrics.summary import reference_error
+
+        return reference_error(truth, self.scans, self.all_poses, align=align)
 
     @abstractmethod
     def _facts(self) -> list[str]:

@@ -12,7 +12,8 @@ from jaxtyping import Bool, Float32, Float64, Int, Int8, PRNGKeyArray
 
 from jaxslam.config.slam import SlamConfig
 from jaxslam.core.flags import Flag
-from jaxslam.core.trajectory import interpolate_along_odometry
+from jaxslam.core.trajectory import Alignment, interpolate_along_odometry
+from jaxslam.core.validation import require_keys, require_types
 from jaxslam.grid.box import known_box
 from jaxslam.grid.occupancy import LOG_ODDS_PER_UNIT
 from jaxslam.grid.spec import GridSpec
@@ -25,6 +26,7 @@ from jaxslam.slam.rbpf import RBPF, RBPFState, StepInfo
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+FROM_PREPARE = "slam and scans, as in `slam, scans = jaxslam.prepare(log)`"
 _MAP_MARGIN = 0.5
 """Unknown space kept around the known part of a map, meters."""
 
@@ -103,7 +105,7 @@ class RunResult(AbstractResult):
             "resamplings": str(int(self.resampled.sum())),
         }
 
-    def plot(self, ax: "Axes | None" = None, *, truth: Any = None) -> "Axes":
+    def plot(self, ax: "Axes | None" = None, *, truth: Any = None, align: Alignment = "se2") -> "Axes":
         """Draw the map, the path and the particles; needs matplotlib.
 
         Args:
@@ -111,10 +113,11 @@ class RunResult(AbstractResult):
             truth: true or reference trajectory, drawn dashed. It has `stamps` `[M]` and `poses` `[M, 3]`, as
                 returned by `jaxslam.sim.drive` and `jaxslam.io.read_tum`. Its `walls` are drawn too if it has
                 any.
+            align: how `truth` is moved to the estimate's frame, as in `error`; False draws it unmoved.
         """
         from jaxslam.viz.results import plot_run
 
-        return plot_run(self, ax, truth=truth)
+        return plot_run(self, ax, truth=truth, align=align)
 
     def save(self, folder: Path | str) -> Path:
         """Write map, trajectory, figures, metrics and configuration into a folder; needs the extra `cli`.
@@ -193,6 +196,8 @@ def run_log(
     Raises:
         SlamError: the robot leaves the map.
     """
+    require_types("run_log", slam=(slam, RBPF, FROM_PREPARE), scans=(scans, PreparedScans, FROM_PREPARE))
+    require_keys("run_log", key, 0, "jax.random.key(0)")
 
     def check(state: RBPFState, infos: list[StepInfo]) -> None:
         if not may_leave_map:

@@ -1,6 +1,6 @@
 """Write run folders: results, metrics, pictures and their provenance."""
 
-from jaxslam.metrics.summary import reference_error, relation_figures, trajectory_figures
+from jaxslam.metrics.summary import relation_figures, trajectory_figures
 from jaxslam.report.folder import default_folder, make_folder, write_run
 from jaxslam.report.provenance import file_sha256, peak_rss_mb, versions
 
@@ -9,7 +9,6 @@ __all__ = [
     "file_sha256",
     "make_folder",
     "peak_rss_mb",
-    "reference_error",
     "relation_figures",
     "trajectory_figures",
     "versions",

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, PRNGKeyArray
 
+from jaxslam.core.validation import require_keys
 from jaxslam.io.log import SensorLog
 from jaxslam.sim.imu_sensor import Imu
 from jaxslam.sim.lidar_sensor import Lidar
@@ -68,6 +69,7 @@ def drive(
         ValueError: the world is unknown, a leg of the tour comes too near to a wall, or the drive is too
             short for one scan.
     """
+    require_keys("drive", key, 0, "jax.random.key(0)")
     place, waypoints = make_world(world) if isinstance(world, str) else world
     simulation = simulate(
         key, place, waypoints, robot=robot, wheels=wheels, imu=imu, lidar=lidar, duration=duration

@@ -171,6 +171,10 @@ class RBPF(eqx.Module):
         context: ProposalContext,
     ) -> ProposalResult:
         proposed = self.proposal.sample_all(keys, state.poses, context)
+        if not isinstance(proposed, ProposalResult):
+            raise TypeError(
+                f"{type(self.proposal).__name__}: sample must return a jaxslam.proposal.ProposalResult"
+            )
         # Odometry that is not finite is ignored.
         predicted = jnp.where(_all_finite(predicted)[:, None], predicted, state.poses)
         finite = _all_finite(proposed.pose)

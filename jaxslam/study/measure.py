@@ -14,6 +14,7 @@ from jaxtyping import Float64, Int8
 
 from jaxslam.config.dotted import Scalar
 from jaxslam.config.lidar_presets import PRESETS, LidarPreset, detect_lidar
+from jaxslam.core.trajectory import Trajectory
 from jaxslam.grid.spec import GridSpec
 from jaxslam.io import Relations, SensorLog, read_log, read_relations, read_tum
 from jaxslam.metrics import BinaryMap, map_score
@@ -43,14 +44,14 @@ class LoadedSource:
     Attributes:
         log: the log to map.
         lidar: name of the preset, or the properties detected from the scans if no preset fits.
-        reference: stamps and poses; None if unknown.
+        reference: true or reference trajectory; None if unknown.
         relations: relations of the benchmark; None if unknown.
         world: the simulated world; None for a log.
     """
 
     log: SensorLog
     lidar: str | LidarPreset
-    reference: tuple[Float64[np.ndarray, "M"], Float64[np.ndarray, "M 3"]] | None = None
+    reference: Trajectory | None = None
     relations: Relations | None = None
     world: World | None = None
 
@@ -75,8 +76,8 @@ def _loaded(source: Source) -> LoadedSource:
         simulation = simulate(key, world, waypoints, duration=float(source.duration or DRIVE))
         log = to_log(simulation, source.name, in_world_frame=True)
         assert log.scans is not None
-        truth = np.asarray(simulation.scan_poses, np.float64)
-        return LoadedSource(log, "sick", (log.scans.stamps, truth), world=world)
+        truth = Trajectory(log.scans.stamps, np.asarray(simulation.scan_poses, np.float64))
+        return LoadedSource(log, "sick", truth, world=world)
     assert source.log is not None
     log = read_log(source.log)
     if source.duration is not None:
@@ -183,14 +184,12 @@ def _errors(
     loaded: LoadedSource, inputs: PreparedScans, poses: Float64[np.ndarray, "S 3"]
 ) -> tuple[float, float]:
     """Return the errors of the poses at all scans, meters and degrees; NaN for a source without reference."""
-    log = loaded.log
-    assert log.odometry is not None
     if loaded.relations is not None:
-        figures = relation_figures(inputs.all_stamps, poses, log.odometry, loaded.relations)
+        figures = relation_figures(loaded.relations, inputs, poses)
         return figures["trans_mean_m"], figures["rot_mean_deg"]
     if loaded.reference is None:
         return np.nan, np.nan
-    error = reference_error(*loaded.reference, inputs.all_stamps, poses, log.odometry)
+    error = reference_error(loaded.reference, inputs, poses)
     return error.rmse_m, error.rot_rmse_deg
 
 
@@ -201,7 +200,7 @@ def _map_losses(
     if loaded.world is None or log_odds is None:
         return np.zeros(0)
     assert loaded.reference is not None
-    start = jnp.asarray(loaded.reference[1][0, :2], jnp.float32)
+    start = jnp.asarray(loaded.reference.poses[0, :2], jnp.float32)
     resolution, origin = float(grid.resolution), np.asarray(grid.origin, np.float64)
     truth = BinaryMap(*observable(loaded.world, grid, start), resolution, origin)
     maps = (

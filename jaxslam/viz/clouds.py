@@ -15,7 +15,7 @@ from jaxslam.grid.known_map import KnownMap
 from jaxslam.pipeline.localize import Cloud, LocalizationResult
 from jaxslam.viz import style
 from jaxslam.viz.animation import MapFrame, animate_map
-from jaxslam.viz.maps import plot_map, plot_particles, plot_scan, plot_trajectory, plot_walls
+from jaxslam.viz.maps import plot_map, plot_particles, plot_scan, plot_trajectory, plot_truth
 
 _MAX_DRAWN = 5000
 """Largest number of particles in a picture; more would only overlap."""
@@ -26,26 +26,17 @@ def plot_localization(
 ) -> Axes:
     """Draw the map, the path where the particles agreed, the last scan and the final particles.
 
-    Args:
-        result: result of `jaxslam.localize_log`.
-        ax: axes to draw on; None for pyplot's current ones.
-        truth: true or reference trajectory in the map frame, with `stamps` and `poses`, drawn dashed. Its
-            `walls` are drawn too if it has any.
-        legend: whether to add a legend below the axes.
+    The arguments are those of `LocalizationResult.plot`; `legend` adds a legend below the axes.
     """
     ax, map = style.axes_or_current(ax), result.map
     plot_map(map_levels_of(map), map.resolution, np.asarray(map.origin[:2]), ax, margin_m=0.5)
-    if getattr(truth, "walls", None) is not None:
-        ends = np.pad(np.asarray(truth.walls, float).reshape(-1, 2), ((0, 0), (0, 1)))
-        plot_walls(in_map_axes(map, ends)[:, :2].reshape(-1, 4), ax)
     agreed = result.estimates.copy()
     # Without an estimate, the path has a gap instead of a line across the map.
     agreed[~result.agreed] = np.nan
     if result.agreed.any():
         plot_trajectory(in_map_axes(map, agreed), ax, label="where the particles agree", legend=False)
     if truth is not None:
-        true_path = in_map_axes(map, truth.poses)
-        plot_trajectory(true_path, ax, label="truth", color=style.REFERENCE, linestyle="--", legend=False)
+        plot_truth(truth, ax, lambda poses: in_map_axes(map, poses))
     last = in_map_axes(map, result.estimates[-1:])[0]
     plot_scan(jax.tree.map(lambda leaf: leaf[-1], result.scans.inputs.scan), last, ax, label="last scan")
     count = min(len(result.particles), _MAX_DRAWN)

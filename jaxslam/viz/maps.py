@@ -1,5 +1,6 @@
 """Draw the map, and paths, walls, particles and scans on it."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -161,6 +162,15 @@ def plot_walls(
     ax.autoscale_view()
     style.meter_axes(ax)
     return ax
+
+
+def plot_truth(truth: Any, ax: Axes, move: Callable[[Poses], Poses]) -> None:
+    """Draw the `poses` of a truth dashed, and its `walls` if it has any; `move` maps poses to the axes."""
+    if getattr(truth, "walls", None) is not None:
+        ends = np.pad(np.asarray(truth.walls, float).reshape(-1, 2), ((0, 0), (0, 1)))
+        plot_walls(move(ends)[:, :2].reshape(-1, 4), ax)
+    path = move(np.asarray(truth.poses, float))
+    plot_trajectory(path, ax, label="true path", color=style.REFERENCE, linestyle="--", legend=False)
 
 
 def plot_particles(

@@ -5,27 +5,34 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from jaxslam.core import se2
+from jaxslam.core.trajectory import Alignment
+from jaxslam.metrics.summary import reference_frame
 from jaxslam.pipeline.run import RunResult
 from jaxslam.viz import style
-from jaxslam.viz.maps import plot_map, plot_particles, plot_trajectory, plot_walls
+from jaxslam.viz.maps import plot_map, plot_particles, plot_trajectory, plot_truth
 
 
-def plot_run(result: RunResult, ax: Axes | None = None, *, truth: Any = None) -> Axes:
+def plot_run(
+    result: RunResult, ax: Axes | None = None, *, truth: Any = None, align: Alignment = "se2"
+) -> Axes:
     """Draw the map and the path of the best particle, and the final poses of all particles.
 
-    Args:
-        result: result of `jaxslam.run_log`.
-        ax: axes to draw on; None for pyplot's current ones.
-        truth: true or reference trajectory with `stamps` and `poses`, drawn dashed. Its `walls` are drawn too
-            if it has any.
+    The arguments are those of `RunResult.plot`, whose body this is.
     """
-    ax = style.axes_or_current(ax)
-    plot_map(result.log_odds, result.grid.resolution, result.grid.origin, ax)
-    if getattr(truth, "walls", None) is not None:
-        plot_walls(truth.walls, ax)
-    plot_trajectory(result.trajectory, ax, label="estimate", legend=False)
-    if truth is not None:
-        plot_trajectory(truth.poses, ax, label="truth", color=style.REFERENCE, linestyle="--", legend=False)
+    ax = plot_path(result, ax, truth, align)
     plot_particles(result.particles, np.exp(result.log_weights.astype(float)), ax)
+    style.add_legend_below(ax)
+    return ax
+
+
+def plot_path(run: Any, ax: Axes | None, truth: Any, align: Alignment) -> Axes:
+    """Draw `log_odds` on the `grid` and the `trajectory` of a run, and the truth aligned with the run."""
+    ax = style.axes_or_current(ax)
+    plot_map(run.log_odds, run.grid.resolution, run.grid.origin, ax)
+    plot_trajectory(run.trajectory, ax, label="estimated path", legend=False)
+    if truth is not None:
+        frame = reference_frame(truth, run.scans, run.all_poses, align)
+        plot_truth(truth, ax, lambda poses: se2.compose(frame[None], poses))
     style.add_legend_below(ax)
     return ax

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import sys
 from pathlib import Path
 
 import jax
@@ -151,6 +152,38 @@ def test_settings_change_by_name_on_the_configuration_itself(config):
         config.with_settings({"sensor.sigma_hitt": 0.1})
 
 
+OWN = """
+import equinox as eqx
+from jaxslam.proposal import MotionProposal
+from jaxslam.proposal.base import AbstractProposal
+
+class Metropolis(AbstractProposal):
+    step: float = 0.1
+    num_moves: int = eqx.field(static=True, default=8)
+
+    def sample(self, key, pose, context):
+        return MotionProposal().sample(key, pose, context)
+"""
+
+
+def test_a_class_of_the_current_folder_is_chosen_saved_and_read_back(tmp_path, monkeypatch):
+    (tmp_path / "own_proposal.py").write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry])
+    monkeypatch.delitem(sys.modules, "own_proposal", raising=False)
+    changes = {"proposal": "own_proposal:Metropolis", "num_moves": 5}
+    configuration = SlamConfig().with_settings(changes)
+    assert (type(configuration.proposal).__name__, configuration.proposal.num_moves) == ("Metropolis", 5)
+    assert configuration.method == "Metropolis"
+    toml.save("c.toml", configuration)
+    assert 'kind = "own_proposal:Metropolis"' in Path("c.toml").read_text()
+    assert equal(toml.load("c.toml"), configuration)
+    # A class that is chosen already keeps its settings; the object itself can be given as well.
+    given = SlamConfig(proposal=type(configuration.proposal)(step=0.3))
+    assert update(given, {"proposal": "own_proposal:Metropolis"}).proposal.step == 0.3
+    assert flatten(given)["proposal.kind"] == "own_proposal:Metropolis"
+
+
 def test_methods():
     assert SlamConfig().method == "gmapping"
     assert {SlamConfig().with_method(method).method for method in METHODS} == set(METHODS)
@@ -180,6 +213,18 @@ def test_methods():
         ({"sigma_hit": "wide"}, "sensor.sigma_hit is 'wide': give a number"),
         ({"sigma_hit": [1.0]}, r"sensor.sigma_hit is \[1.0\]: give a number"),
         ({"proposal": "matcht"}, "proposal is 'matcht': did you mean 'matched'? There are motion, matched"),
+        (
+            {"proposal": "gone:Own"},
+            "proposal is 'gone:Own': No module named 'gone': give a class in a module of",
+        ),
+        (
+            {"proposal": "math:Own"},
+            "proposal is 'math:Own': module 'math' has no attribute 'Own': give a class",
+        ),
+        ({"proposal": ":Own"}, "proposal is ':Own': Empty module name"),
+        ({"proposal": "math:pi"}, "proposal is 'math:pi': pi is not a subclass of AbstractProposal"),
+        ({"proposal": "jaxslam.sensor:Beam"}, "Beam is not a subclass of AbstractProposal: derive it"),
+        ({"motion": "jaxslam.motion:AbstractMotionModel"}, "Can't instantiate .* give every field a default"),
         ({"proposal": "motion", "lost_below": 1.0}, "no setting is called 'lost_below'"),
         ({"usable_range": 0.0}, "lidar.usable_range is 0.0: give a number of meters above 0"),
         (

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from jaxslam.config.slam import SlamConfig
 from jaxslam.config.thinning import Thinning
 from jaxslam.core.flags import Flag
+from jaxslam.core.trajectory import Trajectory
 from jaxslam.fusion import FusedMotion
 from jaxslam.grid import KnownMap
 from jaxslam.io import OccupancyMap
@@ -54,6 +55,8 @@ SCANS_100 = pair_scans(LOG, Thinning(min_translation=0.04))
         (IMU, "ImuTrack(300 readings on imu/data, 149.5 s)"),
         (JOINTS, "JointTrack(7 readings on joint_states, 3.0 s, left, right)"),
         (FIXES, "FixTrack(0 fixes on fix)"),
+        (Trajectory(STAMPS, POSES), "Trajectory(500 poses, 5.4 m, 249.5 s)"),
+        (Trajectory(STAMPS[:0], POSES[:0]), "Trajectory(0 poses, 0.0 m, 0.0 s)"),
         (SCANS, "ScanTrack(400 scans on FLASER, 199.5 s, 36 beams)"),
         (LOG, f"SensorLog({Path('logs/a.log')}: 400 scans, 500 odometry poses)"),
         (
@@ -127,10 +130,18 @@ def test_a_localization_says_whether_it_converged(agreed, shown, warned):
     assert_shows_itself(result, "100 processed of 400", "20 at the end")
     walls = np.array([[0.0, 0.0, 12.0, 0.0]])
     truth = SimpleNamespace(stamps=STAMPS[:100], poses=POSES[:100] + 0.5, walls=walls)
+    if not agreed.stop:
+        with pytest.raises(ValueError, match="the particles never agreed"):
+            result.error(truth)
+    else:
+        # Half a meter in x and in y, in the frame of the map, from the seventh processed scan on.
+        error = result.error(truth)
+        assert (error.n, error.rmse_m) == (100 - 24, pytest.approx(np.sqrt(0.5)))
+        assert result.error(truth, align="se2").rmse_m == pytest.approx(0.0, abs=1e-9)
     ax = result.plot(Figure().subplots(), truth=truth)
     names = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert {"truth", "true walls", "last scan", "particles"} <= set(names)
-    dashed = next(line for line in ax.lines if line.get_label() == "truth")
+    assert {"true path", "true walls", "last scan", "particles"} <= set(names)
+    dashed = next(line for line in ax.lines if line.get_label() == "true path")
     np.testing.assert_allclose(dashed.get_xydata(), truth.poses[:, :2])
 
 

@@ -7,9 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from jaxslam.config.dotted import update
 from jaxslam.config.thinning import Thinning
+from jaxslam.core.trajectory import Trajectory
 from jaxslam.pipeline.inputs import PreparedScans, pair_scans
 from jaxslam.pipeline.many import (
     ManyResult,
@@ -81,6 +83,46 @@ def test_many_runs_show_themselves_as_a_table(many):
         assert text in shown
 
 
+@pytest.fixture(scope="module")
+def truth(prepared) -> Trajectory:
+    """A path of another frame: the odometry, one meter to the side."""
+    return Trajectory(prepared.all_stamps, prepared.all_odometry + np.array([0.0, 1.0, 0.0]))
+
+
+def test_the_errors_are_those_of_run_log(slam, prepared, many, truth):
+    errors = many.errors(truth)
+    assert errors.shape == (2, 3)
+    first = update(slam, {"sensor.sigma_hit": SIGMAS[0]})
+    wanted = run_log(first, prepared, KEYS[0]).error(truth)
+    assert errors[0, 0] == pytest.approx(wanted.rmse_m, rel=1e-4)
+    assert (many.errors(truth, align=False) > 0.8).all()
+    assert (errors < 0.3).all()
+    np.testing.assert_array_equal(many.stamps, np.tile(prepared.stamps, (3, 1)))
+    with pytest.raises(ValueError, match="0 truths for 3 keys: give one truth, or one for each key"):
+        many.errors()
+    with pytest.raises(ValueError, match="2 truths for 3 keys"):
+        many.errors([truth, truth])
+
+
+def test_the_table_shows_the_settings_and_the_errors(many, truth):
+    assert many.configs == {"sensor.sigma_hit": SIGMAS}
+    assert "configuration 1, sensor.sigma_hit = 0.3" in many._repr_html_()
+    assert "RMSE" not in many._repr_html_()
+    known = dataclasses.replace(many, truth=truth)
+    row = known.errors()[1]
+    left = int(many.left_map[1].sum())
+    assert f"RMSE {row.mean():.3f} ± {row.std():.3f} m, {left} of 3 runs" in known._repr_html_()
+
+
+def test_a_kept_map_is_drawn_with_its_path(many, truth):
+    ax = many.plot(1, 2, Figure().subplots(), truth=truth)
+    np.testing.assert_array_equal(ax.lines[0].get_xydata(), many.trajectories[1, 2, :, :2])
+    assert {"estimated path", "true path"} <= set(ax.get_legend_handles_labels()[1])
+    assert len(ax.images) == 1
+    with pytest.raises(ValueError, match="no maps were kept: give maps=True"):
+        dataclasses.replace(many, log_odds=None).plot()
+
+
 def test_the_same_call_gives_the_same_bytes(slam, prepared, many):
     again = run_many(slam, prepared, KEYS, {"sensor.sigma_hit": SIGMAS}, maps=True)
     assert again.trajectories.tobytes() == many.trajectories.tobytes()
@@ -121,12 +163,17 @@ def test_how_the_runs_are_laid_out_changes_nothing(slam, prepared, many, togethe
 def test_every_key_may_have_an_input_of_its_own(slam, prepared, many):
     inputs = [prepared, *(pair_scans(drive(seed, 3.0 + seed), THINNING) for seed in (1, 2))]
     assert len({len(each.stamps) for each in inputs}) == 3
-    found = run_many(slam, inputs, KEYS)
+    truths = [Trajectory(each.all_stamps, each.all_odometry) for each in inputs]
+    found = run_many(slam, inputs, KEYS, truth=truths)
+    assert found.configs == {}
     for column, (key, each) in enumerate(zip(KEYS, inputs, strict=True)):
         path = found.trajectories[0, column]
         length = len(each.stamps)
         # Before rounding can have set them apart.
-        alone = run_log(slam, each, key).trajectory
+        run = run_log(slam, each, key)
+        alone = run.trajectory
+        assert found.errors()[0, column] == pytest.approx(run.error(truths[column]).rmse_m, rel=0.2)
+        np.testing.assert_array_equal(found.stamps[column, :length], each.stamps)
         np.testing.assert_allclose(path[: length // 3], alone[: length // 3], atol=1e-5)
         assert np.isfinite(path[:length]).all()
         assert np.isnan(path[length:]).all()

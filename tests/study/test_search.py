@@ -10,9 +10,9 @@ from jax.experimental.compilation_cache import compilation_cache
 from optuna.trial import TrialState
 
 from jaxslam.core.flags import Flag
+from jaxslam.core.trajectory import Trajectory
 from jaxslam.io import Relations, SensorLog
 from jaxslam.io.log import OdometryTrack, ScanTrack
-from jaxslam.metrics.summary import reference_error
 from jaxslam.pipeline.many import ManyResult
 from jaxslam.pipeline.prepare import prepare
 from jaxslam.pipeline.run import run_log
@@ -243,7 +243,7 @@ def made_up() -> LoadedSource:
         topic="scan",
     )
     odometry = OdometryTrack(stamps, poses, np.full((count, 3), np.nan), "odometry")
-    return LoadedSource(SensorLog(Path("made up"), odometry, scans=scans), "sick", (stamps, poses))
+    return LoadedSource(SensorLog(Path("made up"), odometry, scans=scans), "sick", Trajectory(stamps, poses))
 
 
 @pytest.fixture
@@ -261,7 +261,9 @@ def runs(monkeypatch):
         flags = np.zeros(shape, np.int32)
         flags[0, 0, -1] = wrong["flags"]
         blank = np.zeros(shape, np.float32)
-        return ManyResult(poses, blank, blank > 0, flags, None, 0.0, 1.0, 1.0, 5.0 * len(calls))
+        grids = tuple(each.grid for each in filters)
+        times = (0.0, 1.0, 1.0, 5.0 * len(calls))
+        return ManyResult((prepared,), {}, grids, poses, blank, blank > 0, flags, None, *times)
 
     monkeypatch.setattr(measuring, "run_many", run_many)
     monkeypatch.setattr(measuring, "load", lambda source: made_up())
@@ -339,7 +341,9 @@ def unusable() -> dict[str, LoadedSource]:
     nothing = Relations(stamps[:0], stamps[:0], poses[:0])
     return {
         "no odometry in it": dataclasses.replace(loaded, log=dataclasses.replace(loaded.log, odometry=None)),
-        "0 of the 41 reference poses": dataclasses.replace(loaded, reference=(stamps + 1000.0, poses)),
+        "0 of the 41 reference poses": dataclasses.replace(
+            loaded, reference=Trajectory(stamps + 1000.0, poses)
+        ),
         "none of the 0 relations": dataclasses.replace(loaded, relations=nothing),
     }
 
@@ -418,10 +422,7 @@ def test_the_values_of_a_trial_are_those_of_its_runs(drive):
         slam, scans = prepare(loaded.log, plan.configuration(each.settings, loaded.lidar))
         errors = []
         for seed in plan.seeds:
-            run = run_log(slam, scans, jax.random.key(seed))
-            errors.append(
-                reference_error(*loaded.reference, run.all_stamps, run.all_poses, loaded.log.odometry).rmse_m
-            )
+            errors.append(run_log(slam, scans, jax.random.key(seed)).error(loaded.reference).rmse_m)
         assert each.values[0] == pytest.approx(np.mean(errors), rel=1e-3)
         # Two runs that differ, and walls that are partly where they belong.
         assert errors[0] != errors[1]

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from jaxslam.core.trajectory import Trajectory
     from jaxslam.io import Relations, SensorLog
     from jaxslam.pipeline.run import RunResult
+    from jaxslam.viz.maps import Poses
 
 _FEW_RELATIONS = 0.9
 """Fraction of the relations within the log below which the log may be the wrong one."""
@@ -28,7 +29,8 @@ class Run:
     relations: options.File = None
     """Ground-truth relations (t1 t2 x y z roll pitch yaw) to measure the trajectory with."""
     reference: options.File = None
-    """Reference trajectory (TUM format, seconds and meters) to measure the trajectory error against."""
+    """Reference trajectory (TUM format, seconds and meters) to measure the trajectory error against, and
+    to draw on the map."""
     config: options.File = None
     """Configuration in TOML, as `jaxslam config` prints it. It may contain any subset of the settings."""
     set: options.Settings = ()
@@ -54,7 +56,6 @@ def execute(command: Run, arguments: list[str]) -> None:
     from jaxslam.io import read_relations
     from jaxslam.report import default_folder, make_folder, write_run
 
-    common.check_seed(command.seed)
     network = common.read_network(command.range_network)
     log = common.read_log(
         command.log,
@@ -92,7 +93,8 @@ def execute(command: Run, arguments: list[str]) -> None:
     origin["fused"] = None if fused is None else {"readings": fused.readings, "refused": fused.refused}
     origin["scan_timing"] = None if timing is None else dataclasses.asdict(timing)
     accuracy = _accuracy(result, log, relations, reference)
-    metrics = write_run(folder, result, origin=origin, accuracy=accuracy)
+    path = None if reference is None else _on_map(reference, result)
+    metrics = write_run(folder, result, origin=origin, accuracy=accuracy, truth=path)
     chosen = "given" if command.lidar or command.config else "chosen by the scans of the log"
     assert config.lidar is not None  # `resolve_config` has set it
     log_name, map_name = shlex.quote(str(command.log)), shlex.quote(str(folder / "map.yaml"))
@@ -101,6 +103,18 @@ def execute(command: Run, arguments: list[str]) -> None:
         f"jaxslam run {log_name} --seed {command.seed + 1}   (results vary between seeds)",
     ]
     common.print_run_summary(folder, result, metrics, f"{config.lidar.name} ({chosen})", steps)
+
+
+def _on_map(reference: "Trajectory", result: "RunResult") -> "Poses":
+    """Return the poses of the reference within the run, aligned with the trajectory of the run."""
+    from jaxslam.core import se2
+    from jaxslam.core.trajectory import interpolate_poses
+    from jaxslam.metrics.alignment import align_se2
+
+    within = (reference.stamps >= result.all_stamps[0]) & (reference.stamps <= result.all_stamps[-1])
+    poses = reference.poses[within]
+    estimate = interpolate_poses(result.all_stamps, result.all_poses, reference.stamps[within])
+    return se2.compose(align_se2(estimate, poses)[None], poses)
 
 
 def _accuracy(

@@ -1,9 +1,7 @@
 """The plan of a study: logs, search space, seeds, objectives. Read from TOML, checked before any run."""
 
 import dataclasses
-import difflib
 import json
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +11,7 @@ from jaxslam.config import toml
 from jaxslam.config.dotted import Scalar
 from jaxslam.config.lidar_presets import PRESETS, LidarPreset, lidar_preset
 from jaxslam.config.slam import SlamConfig
+from jaxslam.core.names import check_name
 from jaxslam.sim.worlds.halls import WORLDS
 from jaxslam.study.objectives import OBJECTIVES
 from jaxslam.study.space import Space, with_settings
@@ -128,12 +127,9 @@ def read_plan(path: str | Path) -> Plan:
         OSError: the file cannot be read.
     """
     path = Path(path)
+    tables = toml.read_tables(path, "a study in TOML, as docs/guides/study.md shows")
     try:
-        return _plan(tomllib.loads(path.read_text(encoding="utf-8")), path)
-    except UnicodeDecodeError:
-        raise ValueError(f"{path}: not a text file: give a study in TOML") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{path}: not valid TOML: {error}") from None
+        return _plan(tables, path)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -308,6 +304,4 @@ def _table(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
 
 def _check_names(names: Iterable[Any], known: Sequence[str], context: str) -> None:
     for name in names:
-        if name not in known:
-            nearest = difflib.get_close_matches(str(name), known, n=1, cutoff=0.0)[0]
-            raise ValueError(f"{context} {name!r}: did you mean {nearest!r}? There are {', '.join(known)}")
+        check_name(name, known, context)

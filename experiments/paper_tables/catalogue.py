@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from jaxslam.core.names import check_name
+from jaxslam.core.names import check_names
 
 FOLDER = Path(__file__).parents[1]
 """The folder with a package for each experiment, which contains the results."""
@@ -75,6 +75,5 @@ def chosen(names: Sequence[str]) -> list[Experiment]:
     Raises:
         ValueError: no experiment has that name; the message suggests the closest name.
     """
-    for name in names:
-        check_name(name, EXPERIMENTS, "no experiment is called")
+    check_names("no experiment is called", EXPERIMENTS, *names)
     return [EXPERIMENTS[name] for name in dict.fromkeys(names or EXPERIMENTS)]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional
 
 from jaxslam.cli import options
-from jaxslam.core.names import check_name
+from jaxslam.core.names import check_names
 
 if TYPE_CHECKING:
     from jaxslam.io.public_logs import PublicLog
@@ -36,8 +36,7 @@ def execute(command: Fetch, arguments: list[str]) -> None:
     if command.name is None:
         print("\n".join(_listing()))
         return
-    check_name(command.name, PUBLIC_LOGS, "no public log is called")
-
+    check_names("no public log is called", PUBLIC_LOGS, command.name)
     from jaxslam.io.download import cache_folder, fetch_log
 
     log = PUBLIC_LOGS[command.name]

@@ -12,7 +12,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
-from jaxslam.core.names import MissingExtraError, check_name, did_you_mean, optional_import
+from jaxslam.core.names import MissingExtraError, check_names, did_you_mean, optional_import
 
 COMMANDS = {
     "run": "Map a log: CARMEN (.log, .clf, also .gz), ROS 1 bag, ROS 2 bag (.mcap, .db3 or folder).",
@@ -42,7 +42,6 @@ _NOT_A_NUMBER = re.compile(
 )
 """Messages of tyro for a value that is not a number."""
 
-_INDENTED = "│" + " " * 9
 _BAD_INPUT = 2
 _INTERRUPTED = 130
 _OUTPUT_CLOSED = 141
@@ -121,7 +120,7 @@ def parse(arguments: Sequence[str]) -> object:
     if list(arguments[:2]) == ["study", "report"]:
         arguments = ["study-report", *arguments[2:]]
     name, *flags = arguments
-    check_name(name, COMMANDS, "no command is called")
+    check_names("no command is called", COMMANDS, name)
     for before, word in itertools.pairwise(arguments):
         flag, equals, value = word.partition("=") if word.startswith("--") else (before, "=", word)
         if equals and not value:
@@ -171,18 +170,14 @@ def _one_value_per_set(arguments: Sequence[str]) -> list[str]:
 
 
 def _one_line(box: str) -> str:
-    """Return the first sentences of a framed message, up to its first rule, and point to the help.
-
-    The help of missing arguments, which is indented further than their names, is left out.
-    """
+    """Return the sentences before the first inner line of a framed message, without indented help."""
     sentences: list[str] = []
     for line in box.splitlines():
         text = line.strip(" │╭╮╰╯─")
-        is_frame = line.startswith(("╭", "╰"))
         if not text or line.strip(" │").startswith("──") or text.startswith("For full helptext"):
             if sentences:
                 break
-        elif not is_frame and not line.startswith(_INDENTED):
+        elif re.match(r"│ {1,8}\S", line):
             sentences.append(text)
     if sentences and (missing := re.match("Missing from (.*):", sentences[0])):
         return f"{missing[1]} needs {' and '.join(sentences[1:])} (see --help)"

@@ -11,7 +11,7 @@ from jaxslam.config.lidar import LidarSettings, Number
 from jaxslam.config.lidar_presets import LidarPreset
 from jaxslam.config.registry import kind
 from jaxslam.config.thinning import Thinning
-from jaxslam.core.names import check_name
+from jaxslam.core.names import check_names
 from jaxslam.core.validation import require_number
 from jaxslam.grid.distance import MAX_RADIUS
 from jaxslam.grid.occupancy import OccupancyModel
@@ -116,7 +116,7 @@ class SlamConfig(eqx.Module):
         Raises:
             ValueError: no method has this name; the message suggests the closest match.
         """
-        check_name(method, METHODS, "no method is called")
+        check_names("no method is called", METHODS, method)
         return update(self, METHODS[method], exact=True)
 
     def with_settings(self, settings: Mapping[str, object]) -> "SlamConfig":

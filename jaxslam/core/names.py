@@ -20,10 +20,12 @@ def did_you_mean(name: str, known: Collection[str]) -> str:
     return f"did you mean {nearest[0]!r}? " if nearest else ""
 
 
-def check_name(name: object, known: Collection[str], context: str) -> None:
+def check_names(context: str, known: Collection[str], *names: object) -> None:
     """Raise `ValueError` for an unknown name: "CONTEXT 'NAME': did you mean 'NEAR'? There are NEAR, FAR"."""
-    if name not in known:
-        raise ValueError(f"{context} {name!r}: {did_you_mean(str(name), known)}There are {', '.join(known)}")
+    for name in names:
+        if name not in known:
+            hint = did_you_mean(str(name), known)
+            raise ValueError(f"{context} {name!r}: {hint}There are {', '.join(known)}")
 
 
 class MissingExtraError(ModuleNotFoundError):

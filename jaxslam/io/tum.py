@@ -59,9 +59,7 @@ def read_tum(path: str | Path) -> Trajectory:
     quaternions = table[:, 4:8]
     lengths = np.linalg.norm(quaternions, axis=1)
     if not table[:, 4:7].any() and np.any(np.abs(lengths - 1) > 0.01) and lengths.any():
-        raise LogError(
-            f"{path}: these are relations, not poses in TUM format: give them as relations (--relations)"
-        )
+        raise LogError(f"{path}: these are relations, not poses in TUM format: give them with --relations")
     null = np.flatnonzero(lengths < 1e-6)
     if null.size:
         raise LogError(

@@ -34,7 +34,7 @@ def default_folder(log: Path, method: str, seed: int | None = None) -> Path:
 
 
 def make_folder(folder: Path, flag: str = "--out") -> None:
-    """Create the folder of a `flag` if needed. The files of an existing folder will be overwritten one by one.
+    """Create the folder of a `flag` if needed. The files of an existing folder will be overwritten.
 
     Raises:
         ValueError: the path is a file, or the folder cannot be created or is not writable.

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float64, PRNGKeyArray
 
-from jaxslam.core.names import check_name
+from jaxslam.core.names import check_names
 from jaxslam.sim.worlds.corridor import corridor_loop
 from jaxslam.sim.worlds.roadway import roadway
 from jaxslam.sim.worlds.world import Site, World, box, disc, host_generator, polyline, walls
@@ -148,7 +148,7 @@ def make_world(name: str) -> Site:
     Raises:
         ValueError: the world is unknown; the message suggests the nearest name.
     """
-    check_name(name, WORLDS, "no world is called")
+    check_names("no world is called", WORLDS, name)
     return WORLDS[name]()
 
 

@@ -37,6 +37,7 @@ def execute(command: Fetch, arguments: list[str]) -> None:
         print("\n".join(_listing()))
         return
     check_names("no public log is called", PUBLIC_LOGS, command.name)
+
     from jaxslam.io.download import cache_folder, fetch_log
 
     log = PUBLIC_LOGS[command.name]

@@ -1,7 +1,6 @@
 """Parse the command line, run a command, and report every error as one line."""
 
 import contextlib
-import dataclasses
 import importlib
 import io
 import itertools
@@ -142,7 +141,7 @@ def parse(arguments: Sequence[str]) -> object:
     except SystemExit as stop:
         if not stop.code:
             raise
-        known = [f"--{field.name.strip('_').replace('_', '-')}" for field in dataclasses.fields(command)]
+        known = [f"--{field.strip('_').replace('_', '-')}" for field in command.__dataclass_fields__]
         for flag in (word.partition("=")[0].replace("_", "-") for word in flags if word.startswith("--")):
             if flag not in known:
                 hint = f"{did_you_mean(flag, known)}`jaxslam {name} --help` lists them"
@@ -174,10 +173,10 @@ def _one_line(box: str) -> str:
     sentences: list[str] = []
     for line in box.splitlines():
         text = line.strip(" │╭╮╰╯─")
-        if not text or line.strip(" │").startswith("──") or text.startswith("For full helptext"):
+        if not text or text.startswith(("---", "For full helptext")):
             if sentences:
                 break
-        elif re.match(r"│ {1,8}\S", line):
+        elif re.match(r"[│ ] {1,8}\S", line):
             sentences.append(text)
     if sentences and (missing := re.match("Missing from (.*):", sentences[0])):
         return f"{missing[1]} needs {' and '.join(sentences[1:])} (see --help)"

@@ -73,7 +73,7 @@ def lidar_preset(name: str) -> LidarPreset:
     """
     if name not in PRESETS:
         hint = did_you_mean(_MAKERS.get(name.lower(), name.lower()), PRESETS)
-        makers = ", ".join(f"{preset} of {maker}" for maker, preset in _MAKERS.items())
+        makers = ", ".join(f"{maker}: {preset}" for maker, preset in _MAKERS.items())
         known = f"There are {', '.join(PRESETS)} ({makers}); name none for another lidar"
         raise ValueError(f"no lidar preset is called {name!r}: {hint}{known}")
     return PRESETS[name]

@@ -173,14 +173,23 @@ def test_written_configuration_repeats_the_run(run_folder, log_file, tmp_path):
         (["--scan-topic", "/scan"], "a CARMEN log has no topics"),
         (["--relations", "missing"], "missing: no such file"),
         (["--reference", "missing"], "missing: no such file"),
-        (["--config", "gone.toml"], "gone.toml: no such file: check the path, or give a configuration in TOML"),
-        (["--partciles", "3"], "run has no flag '--partciles': did you mean '--particles'? `jaxslam run --help`"),
+        (
+            ["--config", "gone.toml"],
+            "gone.toml: no such file: check the path, or give a configuration in TOML",
+        ),
+        (
+            ["--partciles", "3"],
+            "run has no flag '--partciles': did you mean '--particles'? `jaxslam run --help`",
+        ),
         (["--map_margni=3"], "run has no flag '--map-margni': did you mean '--map-margin'?"),
         (["--zzz"], "run has no flag '--zzz': `jaxslam run --help` lists them"),
         (["--particles"], "--particles needs a value (see --help)"),
         (["--out", ""], "--out is followed by an empty value: give a value"),
         (["--out="], "--out is followed by an empty value: give a value"),
-        (["--out", "/dev/null/x"], "/dev/null/x: cannot be created (Not a directory): give another with --out"),
+        (
+            ["--out", "/dev/null/x"],
+            "/dev/null/x: cannot be created (Not a directory): give another with --out",
+        ),
     ],
 )
 def test_bad_flags(arguments, message, log_file, capsys, tmp_path, monkeypatch):

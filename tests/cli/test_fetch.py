@@ -74,7 +74,8 @@ def test_next_command(tmp_path, name, files, expected):
 
 
 @pytest.mark.parametrize(
-    ("name", "hint"), [("intell", "did you mean 'intel'? There are"), ("zzz", "log is called 'zzz': There are intel,")]
+    ("name", "hint"),
+    [("intell", "did you mean 'intel'? There are"), ("zzz", "log is called 'zzz': There are intel,")],
 )
 def test_unknown_log(name, hint, capsys):
     assert main(["fetch", name]) == 2

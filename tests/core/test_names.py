@@ -19,16 +19,18 @@ def test_only_similar_names_are_suggested(name, hint):
 
 def test_the_first_unknown_name_is_reported():
     check_names("no lidar is called", KNOWN, *KNOWN)
-    with pytest.raises(ValueError, match=r"^no lidar is called 'sik': did you mean 'sick'\? There are sick, urg"):
+    with pytest.raises(
+        ValueError, match=r"^no lidar is called 'sik': did you mean 'sick'\? There are sick, urg"
+    ):
         check_names("no lidar is called", KNOWN, "vlp-16", "sik", "hokuyo")
     with pytest.raises(ValueError, match=r"^no lidar is called 4: There are sick, urg-04lx, vlp-16$"):
         check_names("no lidar is called", KNOWN, 4)
 
 
 def test_an_import_that_no_extra_has_keeps_its_error():
-    with pytest.raises(MissingExtraError, match=r"^optuna is not installed: pip install 'jaxslam\[study\]'$"):
-        with optional_import():
-            raise ModuleNotFoundError(name="optuna.samplers")
+    named = r"^optuna is not installed: pip install 'jaxslam\[study\]'$"
+    with pytest.raises(MissingExtraError, match=named), optional_import():
+        raise ModuleNotFoundError(name="optuna.samplers")
     with pytest.raises(ModuleNotFoundError, match="No module named 'nowhere'") as raised, optional_import():
         import nowhere  # noqa: F401
     assert raised.type is ModuleNotFoundError
@@ -40,7 +42,11 @@ def test_an_import_that_no_extra_has_keeps_its_error():
         ("matplotlib", "import jaxslam; jaxslam.viz", "cli"),
         ("PIL", "from jaxslam.viz.results import plot_run", "cli"),
         ("optuna", "from jaxslam.study import read_plan", "study"),
-        ("tomlkit", "import jaxslam; from jaxslam.config import toml; toml.dumps(jaxslam.SlamConfig())", "cli"),
+        (
+            "tomlkit",
+            "import jaxslam; from jaxslam.config import toml; toml.dumps(jaxslam.SlamConfig())",
+            "cli",
+        ),
     ],
 )
 def test_a_missing_extra_is_named_in_python(missing, program, extra):
@@ -48,7 +54,9 @@ def test_a_missing_extra_is_named_in_python(missing, program, extra):
     program = f"import sys; sys.modules[{missing!r}] = None; {program}"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     name = "jaxslam.core.names.MissingExtraError"
-    assert done.stderr.splitlines()[-1] == f"{name}: {missing} is not installed: pip install 'jaxslam[{extra}]'"
+    assert (
+        done.stderr.splitlines()[-1] == f"{name}: {missing} is not installed: pip install 'jaxslam[{extra}]'"
+    )
 
 
 def test_names_need_no_jax():

@@ -40,7 +40,7 @@ def make_folder(folder: Path, flag: str = "--out") -> None:
         ValueError: the path is a file, or the folder cannot be created or is not writable.
     """
     if folder.exists() and not folder.is_dir():
-        raise ValueError(f"{folder}: is a file: give a folder with {flag}")
+        raise ValueError(f"{folder}: is a file, not a folder: give another with {flag}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         # Write a file instead of checking the mode, because some file systems refuse what the mode allows.

@@ -211,7 +211,11 @@ def at(tmp_path, monkeypatch):
         (("", ""), ["--trials", "0"], "--trials is 0: give 1 or more"),
         (("", ""), ["--trials", "many"], "--trials"),
         (("", ""), ["--storage", "."], "unable to open database file"),
-        (("", ""), ["--storage", "plan.toml/a.db"], "its folder cannot be created"),
+        (
+            ("", ""),
+            ["--storage", "plan.toml/a.db"],
+            "plan.toml: is a file, not a folder: give another with --storage",
+        ),
         (("", ""), ["--storage", "plan.toml"], "file is not a database"),
         (("", ""), ["--storage", "/proc/study.db"], "/proc/study.db: this storage cannot be used"),
         (

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from experiments._harness.harness import Arrays
@@ -23,7 +22,6 @@ def draw_maps(
         size: width and height, inches.
     """
     figure = Figure(figsize=size, layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots(*shape, squeeze=False).ravel()
     for ax, (method, cell) in zip(axes, shown, strict=True):
         plot_map(cell["one_map"], float(cell["one_resolution"]), cell["one_origin"], ax)

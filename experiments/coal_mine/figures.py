@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from experiments._harness.harness import Arrays
@@ -19,7 +18,6 @@ def draw_roadways(path: Path, results: dict[str, Arrays]) -> None:
 def draw_particles(path: Path, results: dict[str, Arrays]) -> None:
     """Draw error, effective sample size and ancestors over time: mean and range over seeds."""
     figure = Figure(figsize=(9, 8), layout="constrained")
-    FigureCanvasAgg(figure)
     panels = figure.subplots(3, 1, sharex=True)
     for name, color in DRAWN.items():
         cell, method = results[f"map-{name}"], MAPPED[name]
@@ -48,7 +46,6 @@ def draw_localization(path: Path, results: dict[str, Arrays], carried_at: int) -
         carried_at: the step at which a robot is kidnapped.
     """
     figure = Figure(figsize=(10, 6.5), layout="constrained")
-    FigureCanvasAgg(figure)
     panels = figure.subplots(2, 2, sharex="col")
     for column, task in enumerate(("global", "kidnapped")):
         for which, color in (("true", "tab:blue"), ("built", "tab:orange")):

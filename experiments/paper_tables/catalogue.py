@@ -1,10 +1,11 @@
 """The experiments: the paper and the question of each, its duration, and the folder of its results."""
 
-import difflib
 import importlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from jaxslam.core.names import check_names
 
 FOLDER = Path(__file__).parents[1]
 """The folder with a package for each experiment, which contains the results."""
@@ -74,11 +75,5 @@ def chosen(names: Sequence[str]) -> list[Experiment]:
     Raises:
         ValueError: no experiment has that name; the message suggests the closest name.
     """
-    for name in names:
-        if name not in EXPERIMENTS:
-            nearest = difflib.get_close_matches(name, EXPERIMENTS, n=1, cutoff=0.0)[0]
-            raise ValueError(
-                f"no experiment is called {name!r}: did you mean {nearest!r}? "
-                f"There are {', '.join(EXPERIMENTS)}"
-            )
+    check_names("no experiment is called", EXPERIMENTS, *names)
     return [EXPERIMENTS[name] for name in dict.fromkeys(names or EXPERIMENTS)]

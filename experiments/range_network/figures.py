@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from experiments._harness.harness import Arrays
@@ -30,7 +29,6 @@ def draw_loops(path: Path, results: dict[str, Arrays], names: tuple[str, str]) -
             (f"{particles} particles, {net} the network, trial {trial or 0}: {state}", results[name], trial)
         )
     figure = Figure(figsize=(9, 3.6 * len(shown)), layout="constrained")
-    FigureCanvasAgg(figure)
     for ax, (title, cell, which) in zip(figure.subplots(len(shown), 1), shown, strict=True):
         log_odds = cell["one_map"] if which is None else cell["maps"][which]
         plot_map(log_odds, float(cell["one_resolution"]), cell["one_origin"], ax)

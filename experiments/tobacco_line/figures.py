@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from experiments._harness.harness import Arrays
@@ -27,7 +26,6 @@ def draw_halls(path: Path, world: str, results: dict[str, Arrays]) -> None:
 def draw_errors(path: Path, world: str, results: dict[str, Arrays]) -> None:
     """Draw the pose error over time: mean over seeds, and the range from the best to the worst (figure 6)."""
     figure = Figure(figsize=(11, 4.2), layout="constrained")
-    FigureCanvasAgg(figure)
     position, heading = figure.subplots(1, 2)
     for key, color in DRAWN.items():
         cell, method = results[f"{world}-{key}"], COMPARED[key]
@@ -50,7 +48,6 @@ def draw_clouds(path: Path, world: str, results: dict[str, Arrays]) -> None:
     names = list(DRAWN)
     count = len(results[f"{world}-{names[0]}"]["one_clouds"])
     figure = Figure(figsize=(3.4 * count, 3.4 * len(names)), layout="constrained")
-    FigureCanvasAgg(figure)
     for row, name in zip(figure.subplots(len(names), count, squeeze=False), names, strict=True):
         cell, method = results[f"{world}-{name}"], COMPARED[name]
         for ax, cloud, truth in zip(row, cell["one_clouds"], cell["one_cloud_truth"], strict=True):

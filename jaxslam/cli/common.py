@@ -19,14 +19,6 @@ if TYPE_CHECKING:
     from jaxslam.range_network import RangeNetwork
     from jaxslam.slam.rbpf import RBPF
 
-_MAX_SEED = 2**32 - 1
-
-
-def check_seed(seed: int) -> None:
-    """Raise a one-line `ValueError` for a seed outside 0 to 2³² − 1."""
-    if not 0 <= seed <= _MAX_SEED:
-        raise ValueError(f"--seed is {seed}: give 0 to {_MAX_SEED}")
-
 
 def warn(*warnings: str) -> None:
     """Print warnings to stderr, one line each."""
@@ -126,6 +118,13 @@ def describe_timing(timing: "SweepTiming | None") -> str:
     )
 
 
+def describe_scans(scans: "PreparedScans") -> str:
+    """Describe how many scans were processed, and the thinning that chose them."""
+    assert scans.config is not None  # the commands prepare scans for a configuration
+    step, turn = scans.config.thinning.min_translation, scans.config.thinning.min_rotation
+    return f"{len(scans.stamps)} processed of {scans.num_scans} (thinned: {step:g} m or {turn:g} rad)"
+
+
 def map_log(slam: "RBPF", scans: "PreparedScans", seed: int, *, gif: Path | None) -> "RunResult":
     """Run a filter with a progress bar on a terminal, write an animation to `gif`, and print warnings."""
     import jax
@@ -164,7 +163,7 @@ def print_run_summary(
         "lidar": f"{lidar}, usable range {float(config.lidar.usable_range):g} m",
         "maps": f"{count} of {width * side:.1f} × {height * side:.1f} m, "
         f"{count * height * width / 1e6:.1f} MB",
-        "scans": f"{metrics['scans_processed']} processed of {metrics['scans_in']}",
+        "scans": describe_scans(scans),
         "time": f"{metrics['ms_per_scan']:.2f} ms per scan, plus {metrics['compile_s']:.1f} s to compile",
     }
     if scans.fused is not None and scans.yaw is not None:

@@ -46,7 +46,6 @@ def execute(command: Demo, arguments: list[str]) -> None:
     from jaxslam.config.resolve import resolve_config
     from jaxslam.report import make_folder, trajectory_figures, write_run
 
-    common.check_seed(command.seed)
     network = common.read_network(command.range_network)
     config = resolve_config(
         jaxslam.SlamConfig(),

@@ -1,6 +1,5 @@
 """`jaxslam fetch [NAME]`."""
 
-import difflib
 import itertools
 import shlex
 import textwrap
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional
 
 from jaxslam.cli import options
+from jaxslam.core.names import check_names
 
 if TYPE_CHECKING:
     from jaxslam.io.public_logs import PublicLog
@@ -36,10 +36,7 @@ def execute(command: Fetch, arguments: list[str]) -> None:
     if command.name is None:
         print("\n".join(_listing()))
         return
-    if command.name not in PUBLIC_LOGS:
-        nearest = difflib.get_close_matches(command.name, PUBLIC_LOGS, 1)
-        hint = f"did you mean {nearest[0]}? " if nearest else ""
-        raise ValueError(f"unknown log {command.name}: {hint}`jaxslam fetch` lists them")
+    check_names("no public log is called", PUBLIC_LOGS, command.name)
 
     from jaxslam.io.download import cache_folder, fetch_log
 

@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import arg
-
 from jaxslam.cli import common, options
 
 if TYPE_CHECKING:
@@ -24,8 +22,7 @@ class Fuse:
     """Flags of `jaxslam fuse`."""
 
     log: options.Log
-    out: Annotated[Path, arg(metavar="DIR")] = Path("runs/fuse")
-    """Output folder. It is created if needed; existing files in it are overwritten."""
+    out: Annotated[Path | None, options.optional("DIR", "runs/<log>-fuse", options.FOLDER)] = None
     imu_yaw_axis: options.YawAxis = None
     gps: options.Switch = False
     """Compare with the GPS fixes of the log, after the best rotation and translation."""
@@ -50,7 +47,7 @@ def execute(command: Fuse, arguments: list[str]) -> None:
     from jaxslam.io import LogError, write_tum
     from jaxslam.metrics import absolute_trajectory_error
     from jaxslam.pipeline.fusion import fuse_tracks
-    from jaxslam.report import make_folder
+    from jaxslam.report import default_folder, make_folder
     from jaxslam.report.folder import write_json
 
     log = common.read_log(command.log, odom_topic=command.odom_topic, imu_topic=command.imu_topic)
@@ -71,7 +68,7 @@ def execute(command: Fuse, arguments: list[str]) -> None:
     stamps = log.imu.stamps if odometry is None else odometry.stamps
     fused, yaw = fuse_tracks(settings, odometry, log.imu, stamps)
     common.warn_if_assumed(yaw)
-    folder = command.out
+    folder = command.out or default_folder(command.log, "fuse")
     make_folder(folder)
     write_tum(folder / "trajectory.tum", fused.stamps, fused.poses)
     _save_sigmas(folder / "sigma.png", fused)

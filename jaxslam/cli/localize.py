@@ -60,7 +60,6 @@ def execute(command: Localize, arguments: list[str]) -> None:
     from jaxslam.report.localization_folder import write_localization
     from jaxslam.viz.clouds import animate_clouds
 
-    common.check_seed(command.seed)
     start = _start(command)
     network = common.read_network(command.range_network)
     map = read_map(command.map)
@@ -142,7 +141,7 @@ def _print_summary(folder: Path, result: "LocalizationResult", metrics: dict[str
     after = metrics["converged_after_s"]
     lines = {
         "picture": str(folder / "cloud.png"),
-        "scans": f"{len(result.stamps)} processed of {len(result.all_stamps)}",
+        "scans": common.describe_scans(result.scans),
         "time": (
             f"{result.ms_per_scan:.2f} ms per scan, plus {result.compile_s:.1f} s to compile; "
             f"{metrics['beam_evaluations_per_s']:.2g} beams per second"

@@ -1,14 +1,17 @@
 """Parse the command line, run a command, and report every error as one line."""
 
 import contextlib
-import difflib
 import importlib
 import io
+import itertools
 import os
 import re
 import sys
 import textwrap
 from collections.abc import Sequence
+from typing import Any
+
+from jaxslam.core.names import MissingExtraError, check_names, did_you_mean, optional_import
 
 COMMANDS = {
     "run": "Map a log: CARMEN (.log, .clf, also .gz), ROS 1 bag, ROS 2 bag (.mcap, .db3 or folder).",
@@ -24,14 +27,12 @@ COMMANDS = {
 }
 """What each command does. The module of the same name in `jaxslam.cli` has its flags and its `execute`."""
 
-_EXTRAS = {
-    "cli": ("tyro", "matplotlib", "PIL", "rosbags", "ruamel", "tqdm", "tomlkit", "docstring_parser", "pooch"),
-    "train": ("lineax", "optax", "optimistix"),
-    "vision": ("skimage",),
-    "study": ("optuna", "sqlalchemy", "cmaes", "sklearn"),
-    "cluster": ("dask", "distributed"),
+_INTERVALS = {
+    "particles": (1, sys.maxsize, "1 or more"),
+    "trials": (1, sys.maxsize, "1 or more"),
+    "seed": (0, 2**32 - 1, "0 to 4294967295"),
 }
-"""Modules that the commands need in addition to the core, by the extra that installs them."""
+"""Smallest and largest value of a flag, and their description."""
 
 _NOT_A_NUMBER = re.compile(
     r"Error parsing (?P<flag>--[\w-]+): "
@@ -61,7 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
     try:
-        return _dispatch(arguments)
+        with optional_import():
+            return _dispatch(arguments)
     except KeyboardInterrupt:
         print("\njaxslam: interrupted", file=sys.stderr)
         return _INTERRUPTED
@@ -70,16 +72,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with contextlib.suppress(OSError, ValueError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _OUTPUT_CLOSED
-    except ModuleNotFoundError as error:
-        missing = (error.name or "").partition(".")[0]
-        extra = next((name for name, modules in _EXTRAS.items() if missing in modules), None)
-        if extra is None:
-            raise
-        return _report(f"{missing} is not installed: pip install 'jaxslam[{extra}]'")
     except OSError as error:
         where = f"{error.filename}: " if error.filename is not None else ""
         return _report(f"{where}{error.strerror or error}")
-    except ValueError as error:
+    except (ValueError, MissingExtraError) as error:
         return _report(str(error))
     except OverflowError as error:
         return _report(f"a setting, or a number in a file, is too large or too small: {error}")
@@ -123,18 +119,21 @@ def parse(arguments: Sequence[str]) -> object:
     if list(arguments[:2]) == ["study", "report"]:
         arguments = ["study-report", *arguments[2:]]
     name, *flags = arguments
-    if name not in COMMANDS:
-        nearest = difflib.get_close_matches(name, COMMANDS, 1, cutoff=0.0)[0]
-        raise ValueError(f"no command is called {name!r}: did you mean {nearest!r}? (see --help)")
+    check_names("no command is called", COMMANDS, name)
+    for before, word in itertools.pairwise(arguments):
+        flag, equals, value = word.partition("=") if word.startswith("--") else (before, "=", word)
+        if equals and not value:
+            raise ValueError(f"{flag} is followed by an empty value: give a value")
     # The modules of the commands import neither JAX nor matplotlib, so that their help appears at once.
     import tyro
 
     module = importlib.import_module(f"jaxslam.cli.{name.replace('-', '_')}")
+    command = getattr(module, name.title().replace("-", ""))
     message = io.StringIO()
     try:
         with contextlib.redirect_stderr(message):
-            return tyro.cli(
-                getattr(module, name.title().replace("-", "")),
+            parsed: Any = tyro.cli(
+                command,
                 prog=f"jaxslam {name}",
                 description=COMMANDS[name],
                 args=_one_value_per_set(flags),
@@ -142,7 +141,17 @@ def parse(arguments: Sequence[str]) -> object:
     except SystemExit as stop:
         if not stop.code:
             raise
+        known = [f"--{field.strip('_').replace('_', '-')}" for field in command.__dataclass_fields__]
+        for flag in (word.partition("=")[0].replace("_", "-") for word in flags if word.startswith("--")):
+            if flag not in known:
+                hint = f"{did_you_mean(flag, known)}`jaxslam {name} --help` lists them"
+                raise ValueError(f"{name} has no flag {flag!r}: {hint}") from None
         raise ValueError(_one_line(message.getvalue())) from None
+    for flag, (least, most, wanted) in _INTERVALS.items():
+        number = getattr(parsed, flag, None)
+        if number is not None and not least <= number <= most:
+            raise ValueError(f"--{flag} is {number}: give {wanted}")
+    return parsed
 
 
 def _one_value_per_set(arguments: Sequence[str]) -> list[str]:
@@ -160,17 +169,19 @@ def _one_value_per_set(arguments: Sequence[str]) -> list[str]:
 
 
 def _one_line(box: str) -> str:
-    """Return the first sentences of a framed message, up to its first rule, and point to the help."""
+    """Return the sentences before the first inner line of a framed message, without indented help."""
     sentences: list[str] = []
     for line in box.splitlines():
         text = line.strip(" │╭╮╰╯─")
-        is_frame = line.startswith(("╭", "╰"))
-        if not text or line.strip(" │").startswith("──") or text.startswith("For full helptext"):
+        if not text or text.startswith(("---", "For full helptext")):
             if sentences:
                 break
-        elif not is_frame:
+        elif re.match(r"[│ ] {1,8}\S", line):
             sentences.append(text)
+    if sentences and (missing := re.match("Missing from (.*):", sentences[0])):
+        return f"{missing[1]} needs {' and '.join(sentences[1:])} (see --help)"
     message = " ".join(sentences) or "the command line cannot be understood"
+    message = re.sub(r"Missing value for argument '(.*)'. Expected 1 values.", r"\1 needs a value", message)
     return f"{_NOT_A_NUMBER.sub(_give_a_number, message)} (see --help)"
 
 

@@ -13,7 +13,6 @@ def optional(metavar: str, default: str, help: str | None = None) -> Any:
 
 FOLDER = "Output folder. It is created if needed; existing files in it are overwritten."
 FROM_CONFIG = "from the configuration, see `jaxslam config`"
-_METHODS = "rbpf|gmapping|fruit-fly|gaussian"
 
 Switch = FlagCreatePairsOff[bool]
 File = Annotated[Path | None, optional("FILE", "none")]
@@ -30,7 +29,7 @@ Seed = Annotated[int, arg(help="Random seed, 0 to 4294967295. The same seed give
 Method = Annotated[
     str | None,
     optional(
-        _METHODS,
+        "rbpf|gmapping|fruit-fly|gaussian",
         "gmapping",
         "rbpf: odometry alone moves the particles. gmapping: each scan is matched to each particle's map. "
         "fruit-fly: ICP, then a fruit-fly swarm, refine each pose. gaussian: poses are drawn from a Gaussian "

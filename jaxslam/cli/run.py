@@ -28,7 +28,8 @@ class Run:
     relations: options.File = None
     """Ground-truth relations (t1 t2 x y z roll pitch yaw) to measure the trajectory with."""
     reference: options.File = None
-    """Reference trajectory (TUM format, seconds and meters) to measure the trajectory error against."""
+    """Reference trajectory (TUM format, seconds and meters) to measure the trajectory error against, and
+    to draw on the map."""
     config: options.File = None
     """Configuration in TOML, as `jaxslam config` prints it. It may contain any subset of the settings."""
     set: options.Settings = ()
@@ -51,10 +52,11 @@ def execute(command: Run, arguments: list[str]) -> None:
     """Map a log and write its run folder."""
     import jaxslam
     from jaxslam.config.resolve import resolve_config
+    from jaxslam.core import se2
     from jaxslam.io import read_relations
+    from jaxslam.metrics.summary import reference_frame
     from jaxslam.report import default_folder, make_folder, write_run
 
-    common.check_seed(command.seed)
     network = common.read_network(command.range_network)
     log = common.read_log(
         command.log,
@@ -92,7 +94,13 @@ def execute(command: Run, arguments: list[str]) -> None:
     origin["fused"] = None if fused is None else {"readings": fused.readings, "refused": fused.refused}
     origin["scan_timing"] = None if timing is None else dataclasses.asdict(timing)
     accuracy = _accuracy(result, relations, reference)
-    metrics = write_run(folder, result, origin=origin, accuracy=accuracy)
+    path = None
+    if reference is not None:
+        frame = reference_frame(reference, result.scans, result.all_poses, "se2")
+        first, last = result.all_stamps[[0, -1]]
+        within = (reference.stamps >= first) & (reference.stamps <= last)
+        path = se2.compose(frame[None], reference.poses[within])
+    metrics = write_run(folder, result, origin=origin, accuracy=accuracy, truth=path)
     chosen = "given" if command.lidar or command.config else "chosen by the scans of the log"
     assert config.lidar is not None  # `resolve_config` has set it
     log_name, map_name = shlex.quote(str(command.log)), shlex.quote(str(folder / "map.yaml"))

@@ -19,7 +19,7 @@ class Study:
     """Flags of `jaxslam study`."""
 
     plan: Annotated[Path, Positional, arg(metavar="CONFIG.toml")]
-    """Study file: logs, objectives and settings to tune; notebooks/06_study.ipynb shows one."""
+    """Study file: logs, objectives and settings to tune; see docs/guides/study.md."""
     trials: Annotated[int | None, options.optional("N", "from the file, otherwise 50")] = None
     """Total number of trials, including those already in the storage."""
     storage: Annotated[str | None, options.optional("URL", "runs/<name>.db")] = None
@@ -39,13 +39,11 @@ def execute(command: Study, arguments: list[str]) -> None:
 
     plan = study.read_plan(command.plan)
     if command.trials is not None:
-        if command.trials < 1:
-            raise ValueError(f"--trials is {command.trials}: give 1 or more")
         plan = dataclasses.replace(plan, trials=command.trials)
     storage = command.storage or f"runs/{plan.name}.db"
     url = study.storage_url(storage)
     if "://" not in storage:
-        _make_folder_of(Path(storage))
+        make_folder(Path(storage).parent, "--storage")
     # Check the storage before the logs are read.
     connect(url)
     if command.cluster is not None:
@@ -89,15 +87,6 @@ def _spread_runs(plan: "Plan") -> None:
         jax.config.update("jax_num_cpu_devices", devices)
 
 
-def _make_folder_of(storage: Path) -> None:
-    try:
-        storage.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(
-            f"--storage {storage}: its folder cannot be created ({error.strerror}): give another path"
-        ) from None
-
-
 def _describe(plan: "Plan", storage: str, before: int) -> None:
     from jaxslam.study import OBJECTIVES
 
@@ -119,14 +108,15 @@ def _say(store: "Store", told: "TrialResult") -> None:
 def _held_out(plan: "Plan", settings: dict) -> str:
     """Compare the best settings with the base settings, on the tuning logs and on held-out logs."""
     from jaxslam.study import OBJECTIVES, held_out_table
+    from jaxslam.study.report import markdown_table
 
     labels = [OBJECTIVES[name].label for name in plan.objectives]
     header = ["", *(f"{label}: {which}" for label in labels for which in ("before", "tuned"))]
-    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    rows = []
     for name, before, after in held_out_table(plan, settings):
         pairs = zip(_cells(before, len(labels)), _cells(after, len(labels)), strict=True)
-        lines.append(f"| {name} | " + " | ".join(cell for pair in pairs for cell in pair) + " |")
-    return "\n".join(lines)
+        rows.append([name, *(cell for pair in pairs for cell in pair)])
+    return markdown_table(header, rows)
 
 
 def _cells(outcome: list[float] | str, count: int) -> list[str]:

@@ -51,7 +51,6 @@ def execute(command: TrainRange, arguments: list[str]) -> None:
     from jaxslam.report import make_folder
     from jaxslam.report.training_folder import PAPERS_MSE, error_table, role_errors, write_training
 
-    common.check_seed(command.seed)
     check_sizes(command.neurons, command.restarts)
     if not command.data:
         raise ValueError("give training readings: FILE.csv, or LOG:METERS of a wall (see --help)")

@@ -3,12 +3,12 @@
 This module uses NumPy only, so that the command line starts quickly.
 """
 
-import difflib
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from jaxslam.core.names import did_you_mean
 from jaxslam.io.log import LogError, ScanTrack, SensorLog
 
 _MAX_FIELD_OF_VIEW_ERROR = math.radians(12.0)
@@ -58,6 +58,9 @@ PRESETS: dict[str, LidarPreset] = {
     )
 }
 
+_MAKERS = {"hokuyo": "urg-04lx", "slamtec": "rplidar-a1", "turtlebot3": "lds-02", "velodyne": "vlp-16"}
+"""Preset by the maker of the lidar, or by the robot that carries it."""
+
 _GENERIC_USABLE_RANGE = 8.0
 """Upper limit of the usable range if no preset fits, meters."""
 
@@ -69,11 +72,10 @@ def lidar_preset(name: str) -> LidarPreset:
         ValueError: no preset has this name; the message suggests the closest match.
     """
     if name not in PRESETS:
-        nearest = difflib.get_close_matches(name.lower(), PRESETS, n=1, cutoff=0.0)[0]
-        raise ValueError(
-            f"no lidar preset is called {name!r}: did you mean {nearest!r}? "
-            f"The presets are {', '.join(PRESETS)}"
-        )
+        hint = did_you_mean(_MAKERS.get(name.lower(), name.lower()), PRESETS)
+        makers = ", ".join(f"{maker}: {preset}" for maker, preset in _MAKERS.items())
+        known = f"There are {', '.join(PRESETS)} ({makers}); name none for another lidar"
+        raise ValueError(f"no lidar preset is called {name!r}: {hint}{known}")
     return PRESETS[name]
 
 
@@ -91,7 +93,8 @@ def detect_lidar(log: SensorLog) -> LidarPreset:
         LogError: the log has no scans.
     """
     if log.scans is None or len(log.scans.stamps) == 0:
-        raise LogError(f"{log.path}: the log has no laser scans: give a log with scans (see `jaxslam info`)")
+        other = ", or fuse its odometry and IMU with `jaxslam fuse`" if log.imu else ""
+        raise LogError(f"{log.path}: the log has no laser scans: give a log with scans{other}")
     costs = {name: _cost(preset, log.scans) for name, preset in PRESETS.items() if preset.num_beams}
     name = min(costs, key=lambda name: costs[name])
     if costs[name] <= _MAX_COST:

@@ -1,7 +1,6 @@
 """The configuration of a mapping run: everything except the log and the seed, as one frozen pytree."""
 
 import dataclasses
-import difflib
 from collections.abc import Mapping
 
 import equinox as eqx
@@ -12,6 +11,7 @@ from jaxslam.config.lidar import LidarSettings, Number
 from jaxslam.config.lidar_presets import LidarPreset
 from jaxslam.config.registry import kind
 from jaxslam.config.thinning import Thinning
+from jaxslam.core.names import check_names
 from jaxslam.core.validation import require_count, require_number
 from jaxslam.grid.distance import MAX_RADIUS
 from jaxslam.grid.occupancy import OccupancyModel
@@ -115,12 +115,7 @@ class SlamConfig(eqx.Module):
         Raises:
             ValueError: no method has this name; the message suggests the closest match.
         """
-        if method not in METHODS:
-            nearest = difflib.get_close_matches(method, METHODS, n=1, cutoff=0.0)[0]
-            raise ValueError(
-                f"no method is called {method!r}: did you mean {nearest!r}? "
-                f"The methods are {', '.join(METHODS)}"
-            )
+        check_names("no method is called", METHODS, method)
         return update(self, METHODS[method], exact=True)
 
     def with_settings(self, settings: Mapping[str, object]) -> "SlamConfig":

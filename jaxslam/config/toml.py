@@ -10,8 +10,10 @@ from equinox import Module
 
 from jaxslam.config.dotted import KIND, Tree, descriptions, flatten, update
 from jaxslam.config.slam import SlamConfig
+from jaxslam.core.names import optional_import
 
 
+@optional_import()
 def dumps(configuration: Module) -> str:
     """Return every setting as TOML text, each under a comment with its meaning and unit."""
     import tomlkit  # With the command-line extra only.
@@ -47,18 +49,22 @@ def read_settings(path: str | Path) -> dict[str, object]:
     """Read the values of a TOML file by dotted name, without checking them against a configuration.
 
     Raises:
-        ValueError: the file is not TOML; the one-line message has the position.
+        ValueError: the file is missing or not TOML; the one-line message has the position.
         OSError: the file cannot be read.
     """
+    return named(read_tables(path, "a configuration in TOML, as `jaxslam config > FILE` writes it"))
+
+
+def read_tables(path: str | Path, wanted: str) -> dict[str, Any]:
+    """Read a TOML file; errors are as for `read_settings`, and ask for the `wanted` kind of file."""
     try:
-        tables = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ValueError(f"{path}: no such file: check the path, or give {wanted}") from None
     except UnicodeDecodeError:
-        raise ValueError(
-            f"{path}: not a text file: give a TOML file, as `jaxslam config` prints it"
-        ) from None
+        raise ValueError(f"{path}: not a text file: give {wanted}") from None
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path}: not valid TOML: {error}") from None
-    return named(tables)
 
 
 def load(path: str | Path, base: SlamConfig | None = None) -> SlamConfig:

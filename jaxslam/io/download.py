@@ -64,6 +64,11 @@ def fetch_log(log: PublicLog, folder: Path) -> list[Path]:
     home = folder / log.name
     try:
         return convert(log.conversion, log.name, fetch_files(log.files, home / "source"), home)
+    except ConnectionError as error:
+        raise FetchError(
+            f"{error}: check the network, or run the command on another computer and copy its folder "
+            f"{log.name} to {home}"
+        ) from None
     except OSError as error:
         other = "choose another folder with --to DIR or the environment variable JAXSLAM_CACHE"
         if error.errno == errno.ENOSPC:
@@ -82,7 +87,7 @@ def fetch_files(files: Sequence[RemoteFile], folder: Path) -> list[Path]:
 
     Raises:
         FetchError: as for `fetch_log`.
-        OSError: the folder cannot be written, or the disk is full; an unfinished download is kept.
+        OSError: no network, a folder that cannot be written, or a full disk; unfinished downloads are kept.
     """
     folder.mkdir(parents=True, exist_ok=True)
     pooch.get_logger().setLevel("WARNING")
@@ -171,7 +176,7 @@ def _transfer(url: str, part: Path, size: int | None) -> None:
 
 @contextmanager
 def _get(url: str, start: int = 0) -> Iterator[requests.Response]:
-    """Request a URL, from byte `start` on; every failure of the network becomes a `FetchError`."""
+    """Request a URL, from byte `start` on; failures are a `FetchError`, or a `ConnectionError`."""
     host = urlsplit(url).netloc
     # Without compression on the way, bytes on the wire are bytes of the file.
     headers = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={start}-"} if start else {})
@@ -196,10 +201,7 @@ def _get(url: str, start: int = 0) -> Iterator[requests.Response]:
                 f"the connection to {host} broke: run the command again, which continues the download"
             ) from None
         cause = "no answer in time" if isinstance(error, requests.Timeout) else "no connection"
-        raise FetchError(
-            f"cannot reach {host} ({cause}): check the network, or run the command on another computer and "
-            "copy its cache folder"
-        ) from None
+        raise ConnectionError(f"cannot reach {host} ({cause})") from None
 
 
 def _blob_id(path: Path) -> str:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64
 
+from jaxslam.core.names import optional_import
 from jaxslam.io.files import one_line_errors
 
 OCCUPIED_THRESHOLD = 0.65
@@ -149,7 +150,10 @@ def read_map(path: str | Path) -> OccupancyMap:
     negate = bool(_number(path, entries, "negate", default=0.0))
     if not isinstance(entries["image"], str) or not entries["image"]:
         raise MapError(f"{path}: image is {entries['image']!r}: expected the name of a file")
-    shade, alpha = _read_image(path.parent / entries["image"])
+    image = path.parent / entries["image"]
+    if not image.exists():
+        raise MapError(f"{path}: its image {image} does not exist: check the line 'image:'")
+    shade, alpha = _read_image(image)
     occupancy, known = _occupancy(shade, alpha, mode, negate)
     occupied = known & (occupancy > occupied_thresh)
     free = known & (occupancy < free_thresh)
@@ -158,10 +162,8 @@ def read_map(path: str | Path) -> OccupancyMap:
 
 def _read_image(path: Path) -> tuple[Float64[np.ndarray, "H W"], Float64[np.ndarray, "H W"]]:
     """Read the brightness and the opacity of an image, both in [0, 1], row 0 at the top."""
-    try:
+    with optional_import():
         from PIL import Image, UnidentifiedImageError
-    except ImportError:
-        raise MapError(f"{path}: reading maps needs Pillow: pip install 'jaxslam[cli]'") from None
     limit = Image.MAX_IMAGE_PIXELS
     try:
         # A file with a byte or more for every pixel, as every large PGM is, cannot be a decompression bomb.
@@ -173,8 +175,6 @@ def _read_image(path: Path) -> tuple[Float64[np.ndarray, "H W"], Float64[np.ndar
                 shade = np.asarray(image, dtype=np.float64) / (255 if image.mode == "L" else 65535)
                 return shade, np.ones_like(shade)
             channels = np.asarray(image.convert("RGBA"), dtype=np.float64) / 255
-    except FileNotFoundError:
-        raise MapError(f"{path}: no such image: check 'image:' in the map's yaml") from None
     except UnidentifiedImageError:
         raise MapError(f"{path}: not an image: expected PGM or PNG") from None
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
@@ -200,18 +200,16 @@ def _occupancy(
 
 
 def _read_yaml(path: Path) -> Mapping[str, Any]:
-    try:
+    with optional_import():
         from ruamel.yaml import YAML
         from ruamel.yaml.error import YAMLError
-    except ImportError:
-        raise MapError(
-            f"{path}: reading maps needs the ruamel.yaml package: pip install 'jaxslam[cli]'"
-        ) from None
     try:
         with one_line_errors(path, MapError):
             entries = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError:
-        raise MapError(f"{path}: not a text file: give the map's .yaml, not its image") from None
+        raise MapError(
+            f"{path}: not a text file: give the .yaml of the map, not its image or a log"
+        ) from None
     except YAMLError as error:
         reason = " ".join(str(error).split())
         raise MapError(f"{path}: not valid yaml: {reason}") from None

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from jaxslam.core import se2
+from jaxslam.io.log import LogError
 from jaxslam.io.tum import read_number_rows
 
 
@@ -41,5 +42,7 @@ def read_relations(path: str | Path) -> Relations:
         LogError: the file is missing or empty, or a line is not a relation (the message has its number).
     """
     table, _ = read_number_rows(Path(path), 8, "t1 t2 x y z roll pitch yaw")
+    if len(table) > 1 and np.all(np.abs(np.linalg.norm(table[:, 4:8], axis=1) - 1) < 1e-3):
+        raise LogError(f"{path}: these are poses in TUM format, not relations: give them with --reference")
     deltas = np.stack([table[:, 2], table[:, 3], se2.wrap(table[:, 7])], axis=1)
     return Relations(table[:, 0], table[:, 1], deltas)

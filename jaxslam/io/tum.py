@@ -57,7 +57,10 @@ def read_tum(path: str | Path) -> Trajectory:
     path = Path(path)
     table, line_numbers = read_number_rows(path, 8, "timestamp tx ty tz qx qy qz qw")
     quaternions = table[:, 4:8]
-    null = np.flatnonzero(np.linalg.norm(quaternions, axis=1) < 1e-6)
+    lengths = np.linalg.norm(quaternions, axis=1)
+    if not table[:, 4:7].any() and np.any(np.abs(lengths - 1) > 0.01) and lengths.any():
+        raise LogError(f"{path}: these are relations, not poses in TUM format: give them with --relations")
+    null = np.flatnonzero(lengths < 1e-6)
     if null.size:
         raise LogError(
             f"{path}:{line_numbers[null[0]]}: the quaternion is zero: write a unit quaternion "

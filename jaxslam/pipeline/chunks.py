@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int, PRNGKeyArray
 
+from jaxslam.core.names import optional_import
 from jaxslam.core.types import StepInputs
 from jaxslam.xla.compiler import compiler_options
 
@@ -109,15 +110,17 @@ def run_in_chunks(
     total = inputs.scan.ranges.shape[0]
     inputs, infos, run_s = pad_inputs(inputs, total), [], 0.0
     program = _program(tuned)
+    bar = None
+    if progress is not None:
+        with optional_import():
+            from tqdm import tqdm
+        bar = tqdm(total=total, unit="scan", desc=progress, dynamic_ncols=True, postfix="compiling (20 s)")
     started = time.perf_counter()
     # A call with 0 steps only compiles, unless the program was compiled before.
     state, _ = jax.block_until_ready(program(filter_, inputs, key, state, first=0, count=0))
     compile_s = time.perf_counter() - started
-    bar = None
-    if progress is not None:
-        from tqdm import tqdm
-
-        bar = tqdm(total=total, unit="scan", desc=progress, dynamic_ncols=True)
+    if bar is not None:
+        bar.unpause()  # The rate counts from here on.
     for first in range(0, total, every):
         count = min(every, total - first)
         started = time.perf_counter()

@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Float, Float32, Float64, Int, Int8, Key
 
 from jaxslam.config.dotted import flatten, update
 from jaxslam.core.flags import Flag
+from jaxslam.core.names import optional_import
 from jaxslam.core.trajectory import Alignment
 from jaxslam.core.types import StepInputs
 from jaxslam.core.validation import require_keys, require_types
@@ -461,6 +462,6 @@ def _devices_in_memory(
 def _with_progress(calls: Int[np.ndarray, "n R 2"], progress: bool) -> Iterable[Int[np.ndarray, "R 2"]]:
     if not progress:
         return calls
-    from tqdm import tqdm
-
+    with optional_import():
+        from tqdm import tqdm
     return tqdm(calls, unit="call", desc=f"{calls.shape[1]} runs per call", dynamic_ncols=True)

@@ -15,13 +15,14 @@ from jaxslam.io import write_map, write_tum
 from jaxslam.pipeline.localize import LocalizationResult
 from jaxslam.pipeline.run import RunResult
 from jaxslam.report.provenance import peak_rss_mb, versions
+from jaxslam.viz.maps import Poses
 from jaxslam.viz.picture import MapLayer, save_map_picture
 
 _LOG_SUFFIXES = (".gz", ".log", ".clf", ".carmen", ".bag", ".mcap", ".db3")
 
 
-def default_folder(log: Path, method: str, seed: int) -> Path:
-    """Return the default run folder, `runs/<log>-<method>-s<seed>`.
+def default_folder(log: Path, method: str, seed: int | None = None) -> Path:
+    """Return the default run folder, `runs/<log>-<method>-s<seed>`, without the last part if it has no seed.
 
     Example:
         `default_folder(Path("data/intel.clf.gz"), "gmapping", 0)` is `runs/intel-gmapping-s0`.
@@ -29,28 +30,26 @@ def default_folder(log: Path, method: str, seed: int) -> Path:
     name = log.resolve().name
     while name.endswith(_LOG_SUFFIXES):
         name = name[: name.rindex(".")]
-    return Path("runs") / f"{name or 'log'}-{method}-s{seed}"
+    return Path("runs") / f"{name or 'log'}-{method}{'' if seed is None else f'-s{seed}'}"
 
 
-def make_folder(folder: Path) -> None:
-    """Create a run folder if needed. The files of an existing folder will be overwritten one by one.
+def make_folder(folder: Path, flag: str = "--out") -> None:
+    """Create the folder of a `flag` if needed. The files of an existing folder will be overwritten.
 
     Raises:
-        ValueError: the path is a file, or the folder is not writable.
-        OSError: the folder cannot be created.
+        ValueError: the path is a file, or the folder cannot be created or is not writable.
     """
     if folder.exists() and not folder.is_dir():
-        raise ValueError(f"{folder}: is a file: give a folder with --out")
-    folder.mkdir(parents=True, exist_ok=True)
+        raise ValueError(f"{folder}: is a file, not a folder: give another with {flag}")
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         # Write a file instead of checking the mode, because some file systems refuse what the mode allows.
         # The check runs before the work, so that no result is lost.
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise ValueError(
-            f"{folder}: cannot be written to ({error.strerror}): give another with --out"
-        ) from None
+        action = "be written to" if folder.is_dir() else "be created"
+        raise ValueError(f"{folder}: cannot {action} ({error.strerror}): give another with {flag}") from None
 
 
 def save_run(result: RunResult, folder: Path) -> Path:
@@ -70,7 +69,7 @@ def write_run(
     *,
     origin: Mapping[str, object],
     accuracy: Mapping[str, object] | None = None,
-    truth: MapLayer | None = None,
+    truth: MapLayer | Poses | None = None,
 ) -> dict[str, object]:
     """Write every result of a run into an existing folder.
 
@@ -79,7 +78,7 @@ def write_run(
         result: result of `run_log`.
         origin: command, seed, log and versions, for `run.json`.
         accuracy: errors by metric, for `metrics.json`.
-        truth: true map and path in the same frame, drawn beside the estimate.
+        truth: true map and path, drawn beside the estimate, or reference poses, drawn over it; in its frame.
 
     Returns:
         The content of `metrics.json`.
@@ -120,7 +119,7 @@ def write_json(path: Path, content: Mapping[str, object]) -> None:
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def _write_map_files(folder: Path, result: RunResult, truth: MapLayer | None) -> None:
+def _write_map_files(folder: Path, result: RunResult, truth: MapLayer | Poses | None) -> None:
     """Write `map.yaml` and `map.pgm` for map_server and nav2, and `map.png`, the picture."""
     map = result.occupancy()
     x, y, theta = map.origin.tolist()

@@ -1,10 +1,8 @@
 """The plan of a study: logs, search space, seeds, objectives. Read from TOML, checked before any run."""
 
 import dataclasses
-import difflib
 import json
-import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,7 @@ from jaxslam.config import toml
 from jaxslam.config.dotted import Scalar
 from jaxslam.config.lidar_presets import PRESETS, LidarPreset, lidar_preset
 from jaxslam.config.slam import SlamConfig
+from jaxslam.core.names import check_names
 from jaxslam.sim.worlds.halls import WORLDS
 from jaxslam.study.objectives import OBJECTIVES
 from jaxslam.study.space import Space, with_settings
@@ -128,20 +127,17 @@ def read_plan(path: str | Path) -> Plan:
         OSError: the file cannot be read.
     """
     path = Path(path)
+    tables = toml.read_tables(path, "a study in TOML, as docs/guides/study.md shows")
     try:
-        return _plan(tomllib.loads(path.read_text(encoding="utf-8")), path)
-    except UnicodeDecodeError:
-        raise ValueError(f"{path}: not a text file: give a study in TOML") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{path}: not valid TOML: {error}") from None
+        return _plan(tables, path)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
 def _plan(tables: dict[str, Any], path: Path) -> Plan:
-    _check_names(tables, ("study", "filter", "logs", "held_out", "space"), "a study has no table")
+    check_names("a study has no table", ("study", "filter", "logs", "held_out", "space"), *tables)
     study = _table(tables, "study")
-    _check_names(study, tuple(_DEFAULTS), "[study] has no")
+    check_names("[study] has no", tuple(_DEFAULTS), *study)
     given = {**_DEFAULTS, "name": path.stem, **study}
     for key, least in (("seed", 0), ("trials", 1), ("batch", 1)):
         if not (type(given[key]) is int and given[key] >= least):
@@ -220,7 +216,7 @@ def _sources(tables: Any, name: str, folder: Path) -> tuple[Source, ...]:
         where = f"[[{name}]] {index + 1}"
         if not isinstance(table, dict):
             raise ValueError(f"{table!r} stands where a table is wanted")
-        _check_names(table, known, f"{where} has no")
+        check_names(f"{where} has no", known, *table)
         if ("log" in table) == ("world" in table):
             raise ValueError(f"{where}: give a log or a world")
         if "world" in table:
@@ -293,7 +289,7 @@ def _is_seed(value: Any) -> bool:
 def _chosen(given: Any, known: Sequence[str], name: str) -> tuple[str, ...]:
     if not isinstance(given, list) or not given:
         raise ValueError(f"{name} is {given!r}: give a list with some of {', '.join(known)}")
-    _check_names(given, known, f"{name} is")
+    check_names(f"{name} is", known, *given)
     if len(set(given)) < len(given):
         raise ValueError(f"{name} names one twice: {', '.join(given)}")
     return tuple(given)
@@ -304,10 +300,3 @@ def _table(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
     if not isinstance(table, dict):
         raise ValueError(f"{name} is {table!r}: write a table, [{name}]")
     return table
-
-
-def _check_names(names: Iterable[Any], known: Sequence[str], context: str) -> None:
-    for name in names:
-        if name not in known:
-            nearest = difflib.get_close_matches(str(name), known, n=1, cutoff=0.0)[0]
-            raise ValueError(f"{context} {name!r}: did you mean {nearest!r}? There are {', '.join(known)}")

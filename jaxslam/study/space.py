@@ -1,7 +1,6 @@
 """The search space of a study: named settings, each with an interval or with choices."""
 
 import dataclasses
-import difflib
 import itertools
 import math
 import sys
@@ -12,6 +11,7 @@ from typing import Any
 
 from jaxslam.config.dotted import KIND, Scalar, flatten, update
 from jaxslam.config.slam import METHODS, SlamConfig
+from jaxslam.core.names import did_you_mean
 
 METHOD = "method"
 VALUES_OF_A_SIZE = 5
@@ -103,8 +103,8 @@ class Space:
             known |= flatten(with_settings(base, choice))
         for name in names:
             if name not in known:
-                nearest = difflib.get_close_matches(name, list(known), n=1, cutoff=0.0)[0]
-                raise ValueError(f"space: no setting is called {name!r}: did you mean {nearest!r}?")
+                hint = f"{did_you_mean(name, known)}`jaxslam config` prints the settings"
+                raise ValueError(f"space: no setting is called {name!r}: {hint}")
         chosen = {parameter.name for parameter in parts}
         rest = [_parameter(name, tables[name], known) for name in names if name not in chosen]
         if METHOD in tables and "proposal.kind" in tables:

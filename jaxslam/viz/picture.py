@@ -38,7 +38,7 @@ def save_map_picture(
     poses: Poses | None = None,
     particles: Poses | None = None,
     weights: Float[np.ndarray | Array, "_"] | None = None,
-    truth: MapLayer | None = None,
+    truth: MapLayer | Poses | None = None,
 ) -> None:
     """Write the picture of a map, in the format of the path's suffix (png, pdf, svg, …).
 
@@ -51,14 +51,15 @@ def save_map_picture(
         particles: `[N, 3]` particle poses, usually the final ones, or None.
         weights: `[N]` particle weights, or None for equal weights.
         truth: true map and path in the same frame. They are drawn in a second panel of the same extent, and
-            the path also over the estimate.
+            the path also over the estimate. Poses `[M, 3]` alone are drawn as a reference path.
 
     Raises:
         ValueError: an array cannot be drawn, or the format is unknown.
         OSError: the file cannot be written.
     """
     estimate = MapLayer(occupancy, resolution, origin, poses)
-    layers = [estimate] if truth is None else [estimate, truth]
+    layers = [estimate, truth] if isinstance(truth, MapLayer) else [estimate]
+    drawn, label = (truth.poses, "true path") if isinstance(truth, MapLayer) else (truth, "reference path")
     figure = Figure(layout="constrained")
     panels = list(figure.subplots(1, len(layers), squeeze=False, sharex=True, sharey=True)[0])
     for panel, layer, name in zip(panels, layers, ("estimate", "truth"), strict=False):
@@ -67,12 +68,10 @@ def save_map_picture(
     _fit_to_maps(figure, panels)
     if poses is not None:
         plot_trajectory(poses, panels[0], label="estimated path", legend=False)
-    if truth is not None and truth.poses is not None:
+    if drawn is not None:
         # Dashes over the solid line keep both visible where they coincide.
         for panel in panels:
-            plot_trajectory(
-                truth.poses, panel, label="true path", color=style.REFERENCE, linestyle="--", legend=False
-            )
+            plot_trajectory(drawn, panel, label=label, color=style.REFERENCE, linestyle="--", legend=False)
     if particles is not None:
         plot_particles(particles, weights, panels[0])
     for panel in panels[1:]:

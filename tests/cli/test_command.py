@@ -12,13 +12,16 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from PIL import Image, ImageColor
 
 from jaxslam.cli.main import COMMANDS, main
+from jaxslam.core import se2
 from jaxslam.core.trajectory import interpolate_poses
 from jaxslam.io import read_log, read_map, read_tum, write_tum
 from jaxslam.report import default_folder, file_sha256
 from jaxslam.report.folder import write_json
 from jaxslam.sim import hall_small, lds_01, simulate, to_log
+from jaxslam.viz import style
 from tests.builders import carmen_log, forward_half
 from tests.checks import error_line, strict_json
 
@@ -76,6 +79,27 @@ def test_run_folder_is_complete(run_folder):
     }
 
 
+def test_the_picture_has_the_reference(run_folder):
+    pixels = np.asarray(Image.open(run_folder / "map.png").convert("RGB")).reshape(-1, 3)
+    assert (pixels == ImageColor.getrgb(style.REFERENCE)).all(axis=1).sum() > 100
+
+
+def test_a_reference_in_another_frame_is_aligned(log_file, tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(
+        "jaxslam.report.folder.save_map_picture", lambda *_, truth, poses, **__: drawn.append((truth, poses))
+    )
+    log = read_log(log_file)
+    assert log.odometry is not None
+    moved = se2.compose(np.array([[100.0, -50.0, 2.0]]), log.odometry.poses)
+    write_tum(tmp_path / "moved.tum", log.odometry.stamps, moved)
+    flags = ["--reference", str(tmp_path / "moved.tum"), "--out", str(tmp_path), *SMALL]
+    assert main(["run", str(log_file), *flags]) == 0
+    [(reference, poses)] = drawn
+    # The odometry of 12 s is at most a few cells off, so both paths have the same ends.
+    np.testing.assert_allclose(reference[[0, -1]], poses[[0, -1]], atol=0.2)
+
+
 def test_metrics_have_exactly_their_keys(run_folder):
     metrics = strict_json(run_folder / "metrics.json")
     assert set(metrics) == {
@@ -130,14 +154,17 @@ def test_written_configuration_repeats_the_run(run_folder, log_file, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--particles", "0"], "num_particles is 0: give 1 or more"),
-        (["--particles=-2"], "num_particles is -2: give 1 or more"),
+        (["--particles", "0"], "--particles is 0: give 1 or more"),
+        (["--particles=-2"], "--particles is -2: give 1 or more"),
+        (["--seed", "-1"], "--seed is -1: give 0 to 4294967295"),
         (["--particles", "many"], "--particles is 'many': give a whole number"),
         (["--set", "sigma_hitt=1"], "did you mean 'sensor.sigma_hit'"),
         (["--set", "sigma_hit=0.1", "--set", "sigma_hit=0.2"], "given 2 times"),
         (["--set", "sigma_hit"], "sigma_hit"),
         (["--method", "gmaping"], "did you mean 'gmapping'"),
         (["--lidar", "sik"], "did you mean 'sick'"),
+        (["--lidar", "Hokuyo"], "did you mean 'urg-04lx'? There are sick, urg-04lx, rplidar-a1"),
+        (["--lidar", "ydlidar"], "no lidar preset is called 'ydlidar': There are sick,"),
         (["--map-margin", "nan"], "map.margin is nan: give a finite number"),
         (["--map-margin", "1e7"], "lower num_particles or"),
         (["--seed", "x"], "--seed is 'x': give a whole number"),
@@ -146,8 +173,23 @@ def test_written_configuration_repeats_the_run(run_folder, log_file, tmp_path):
         (["--scan-topic", "/scan"], "a CARMEN log has no topics"),
         (["--relations", "missing"], "missing: no such file"),
         (["--reference", "missing"], "missing: no such file"),
-        (["--config", "missing"], "missing: No such file"),
-        (["--partciles", "3"], "--partciles"),
+        (
+            ["--config", "gone.toml"],
+            "gone.toml: no such file: check the path, or give a configuration in TOML",
+        ),
+        (
+            ["--partciles", "3"],
+            "run has no flag '--partciles': did you mean '--particles'? `jaxslam run --help`",
+        ),
+        (["--map_margni=3"], "run has no flag '--map-margni': did you mean '--map-margin'?"),
+        (["--zzz"], "run has no flag '--zzz': `jaxslam run --help` lists them"),
+        (["--particles"], "--particles needs a value (see --help)"),
+        (["--out", ""], "--out is followed by an empty value: give a value"),
+        (["--out="], "--out is followed by an empty value: give a value"),
+        (
+            ["--out", "/dev/null/x"],
+            "/dev/null/x: cannot be created (Not a directory): give another with --out",
+        ),
     ],
 )
 def test_bad_flags(arguments, message, log_file, capsys, tmp_path, monkeypatch):
@@ -155,6 +197,39 @@ def test_bad_flags(arguments, message, log_file, capsys, tmp_path, monkeypatch):
     assert main(["run", str(log_file), *arguments]) == 2
     assert message in error_line(capsys)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run"], "jaxslam run needs LOG (see --help)"),
+        (["localize"], "jaxslam localize needs LOG and --map MAP.yaml (see --help)"),
+        (["localize", "a.log", "--glob"], "localize has no flag '--glob': did you mean '--global'?"),
+        (["demo", "--particles", "-5"], "--particles is -5: give 1 or more"),
+        (["study", "gone.toml"], "gone.toml: no such file: check the path, or give a study in TOML"),
+        (["rnu"], "no command is called 'rnu': did you mean 'run'? There are run, demo"),
+    ],
+)
+def test_bad_command_lines(arguments, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    assert error_line(capsys).removeprefix("jaxslam: error: ").startswith(message)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_of_the_other_flag_are_recognized(log_file, data_dir, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    relations, poses = (data_dir / "carmen" / name for name in ("intel.relations", "csail.reference.tum"))
+    assert main(["run", str(log_file), "--reference", str(relations)]) == 2
+    assert "intel.relations: these are relations, not poses in TUM format" in error_line(capsys)
+    assert main(["run", str(log_file), "--relations", str(poses)]) == 2
+    assert "csail.reference.tum: these are poses in TUM format, not relations" in error_line(capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_log_without_scans_can_be_fused(data_dir, capsys):
+    assert main(["run", str(data_dir / "bags/husky.bag")]) == 2
+    assert error_line(capsys).endswith("or fuse its odometry and IMU with `jaxslam fuse`")
 
 
 def _no_scans(lines):
@@ -252,7 +327,7 @@ def test_missing_extra(module, monkeypatch, capsys):
 
     monkeypatch.setattr("jaxslam.cli.main._dispatch", missing)
     assert main(["run", "x"]) == 2
-    assert "pip install 'jaxslam[cli]'" in error_line(capsys)
+    assert error_line(capsys).endswith(f"{module} is not installed: pip install 'jaxslam[cli]'")
 
 
 def test_config_prints_the_settings_of_a_localization(tmp_path, capsys):
@@ -306,6 +381,7 @@ def test_every_command_is_in_the_help_and_has_a_help_of_its_own(command, capsys)
 def test_default_folder():
     assert default_folder(Path("d/intel.clf.gz"), "gmapping", 0) == Path("runs/intel-gmapping-s0")
     assert default_folder(Path("d/a.b.mcap"), "rbpf", 7) == Path("runs/a.b-rbpf-s7")
+    assert default_folder(Path("d/husky.bag"), "fuse") == Path("runs/husky-fuse")
 
 
 def test_strict_json(tmp_path):

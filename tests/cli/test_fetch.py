@@ -73,7 +73,10 @@ def test_next_command(tmp_path, name, files, expected):
     assert command.replace(f"{tmp_path}/", "") == f"jaxslam {expected}"
 
 
-@pytest.mark.parametrize(("name", "hint"), [("intell", "did you mean intel?"), ("zzz", "log zzz: `jaxslam")])
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [("intell", "did you mean 'intel'? There are"), ("zzz", "log is called 'zzz': There are intel,")],
+)
 def test_unknown_log(name, hint, capsys):
     assert main(["fetch", name]) == 2
     error = capsys.readouterr().err
@@ -86,5 +89,6 @@ def test_no_network_is_one_line(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(fetch, "FILE_URL", "http://127.0.0.1:1/{path}")
     assert main(["fetch", "husky", "--to", str(tmp_path)]) == 2
     error = capsys.readouterr().err
-    assert error.startswith("jaxslam: error: cannot reach 127.0.0.1:1 (no connection)")
+    assert error.startswith("jaxslam: error: cannot reach 127.0.0.1:1 (no connection): check the network, or")
+    assert error.endswith(f"copy its folder husky to {tmp_path / 'husky'}\n")
     assert error.count("\n") == 1

@@ -26,6 +26,14 @@ def test_husky_against_gps(data_dir, tmp_path, capsys):
     assert "2." in capsys.readouterr().out
 
 
+def test_each_log_has_its_own_default_folder(data_dir, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("husky.bag", "turtlebot3_drive.mcap"):
+        assert main(["fuse", str(data_dir / "bags" / name)]) == 0
+    found = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("trajectory.tum")}
+    assert found == {f"runs/{name}-fuse/trajectory.tum" for name in ("husky", "turtlebot3_drive")}
+
+
 def test_wheel_angles_are_a_source(data_dir, tmp_path):
     bag = str(data_dir / "bags/turtlebot3_drive.mcap")
     assert main(["fuse", bag, "--wheel-radius", "0.033", "--track", "0.16", "--out", str(tmp_path)]) == 0

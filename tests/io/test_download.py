@@ -240,10 +240,12 @@ def test_no_network_names_the_host(server, tmp_path, monkeypatch):
         unused.bind(("127.0.0.1", 0))
         host = f"127.0.0.1:{unused.getsockname()[1]}"
     monkeypatch.setattr(fetch, "FILE_URL", f"http://{host}/{{path}}")
+    log = PublicLog("x", "", "", "", (remote(sha256=SHA256),), "copy")
     with pytest.raises(
-        FetchError, match=re.escape(f"cannot reach {host} (no connection): check the network")
-    ):
-        fetch_files([remote(sha256=SHA256)], tmp_path)
+        FetchError, match=re.escape(f"cannot reach {host} (no connection): check the")
+    ) as raised:
+        fetch_log(log, tmp_path)
+    assert str(raised.value).endswith(f"copy its folder x to {tmp_path / 'x'}")
 
 
 def test_full_disk_keeps_the_part_for_the_next_run(server, tmp_path, monkeypatch):

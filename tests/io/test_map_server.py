@@ -167,7 +167,7 @@ def test_raw_pixels_are_percent(folder):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("a.pgm", "b.pgm", "b.pgm: no such image"),
+        ("a.pgm", "b.pgm", r"a\.yaml: its image .*b\.pgm does not exist"),
         ("a.pgm", "''", "image is ''"),
         ("image: a.pgm\n", "", "missing keys: image"),
         ("free_thresh: 0.196\n", "", "missing keys: free_thresh"),

@@ -91,6 +91,23 @@ def test_bad_relations_name_the_line(tmp_path):
         read_relations(tmp_path / "a.relations")
 
 
+@pytest.mark.parametrize("text", ["0 1 2 0 0 0 0 1.5\n1 2 2 0 0 0 0 0\n", "9.5 9.7 1 0 0 0 0 -2\n"])
+def test_relations_are_no_trajectory(tmp_path, text):
+    (tmp_path / "a.relations").write_text(text)
+    with pytest.raises(
+        LogError, match="these are relations, not poses in TUM format: give them with --relat"
+    ):
+        read_tum(tmp_path / "a.relations")
+
+
+def test_a_trajectory_is_no_relations(tmp_path, trajectory):
+    write_tum(tmp_path / "a.tum", *trajectory)
+    with pytest.raises(
+        LogError, match="these are poses in TUM format, not relations: give them with --refer"
+    ):
+        read_relations(tmp_path / "a.tum")
+
+
 def test_real_references(data_dir):
     relations = read_relations(data_dir / "carmen" / "intel.relations")
     assert relations.deltas.shape == (2984, 3)

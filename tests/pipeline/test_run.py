@@ -1,6 +1,7 @@
 """The host's loop over a log: the same bytes as one scan over time, errors, warnings, what it reports."""
 
 import dataclasses
+import sys
 
 import equinox as eqx
 import jax
@@ -12,6 +13,7 @@ from jaxslam.config.localization import LocalizationConfig
 from jaxslam.config.thinning import Thinning
 from jaxslam.core import se2
 from jaxslam.core.flags import Flag
+from jaxslam.core.names import MissingExtraError
 from jaxslam.io.log import SensorLog
 from jaxslam.matching import CorrelativeSearch
 from jaxslam.pipeline.chunks import CHUNK, run_steps
@@ -165,3 +167,19 @@ def test_a_map_that_is_too_small_is_an_error_that_says_where_and_what_to_do(slam
     result = run_log(moved, prepared, KEY, may_leave_map=True)
     assert len(result.trajectory) == len(prepared.stamps)
     assert any("edge of the map" in warning for warning in result.warnings)
+
+
+def test_the_bar_names_the_compilation(slam, prepared, result, capsys):
+    # `result` has compiled the program: the bar shows its first line all the same.
+    run_log(slam, prepared, KEY, progress=True)
+    shown = capsys.readouterr().err.replace("\r", "\n").splitlines()
+    assert f"0/{len(prepared.stamps)}" in shown[1]
+    assert shown[1].endswith("compiling (20 s)]")
+    assert f"{len(prepared.stamps)}/{len(prepared.stamps)}" in shown[-1]
+    assert "compiling" not in shown[-1]
+
+
+def test_without_tqdm_the_error_names_the_extra(slam, prepared, monkeypatch):
+    monkeypatch.setitem(sys.modules, "tqdm", None)
+    with pytest.raises(MissingExtraError, match=r"^tqdm is not installed: pip install 'jaxslam\[cli\]'$"):
+        run_log(slam, prepared, KEY, progress=True)

@@ -279,7 +279,7 @@ def test_files_that_are_no_plan(tmp_path):
     (tmp_path / "binary.toml").write_bytes(b"\x93NUMPY\xff\xfe\x00")
     with pytest.raises(ValueError, match=r"binary\.toml: not a text file: give a study in TOML"):
         read_plan(tmp_path / "binary.toml")
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(ValueError, match=r"missing\.toml: no such file: check the path, or give a study in"):
         read_plan(tmp_path / "missing.toml")
     with pytest.raises(IsADirectoryError):
         read_plan(tmp_path)

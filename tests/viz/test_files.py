@@ -72,6 +72,13 @@ def test_truth_gets_a_panel_of_the_same_extent(tmp_path, monkeypatch):
     assert has_color(pixels_of(tmp_path / "map.png"), VERMILLION)
 
 
+def test_a_reference_is_drawn_over_the_estimate(tmp_path):
+    path = tmp_path / "map.png"
+    save_map_picture(path, room(), 0.05, ORIGIN, poses=POSES, truth=POSES + 0.2)
+    assert has_color(pixels_of(path), BLUE)
+    assert has_color(pixels_of(path), VERMILLION)
+
+
 def test_pictures_leave_no_pyplot_figure_behind(tmp_path):
     import matplotlib.pyplot as plt
 

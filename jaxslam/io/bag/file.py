@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from jaxslam.core.names import optional_import
 from jaxslam.io.bag.topics import TRANSFORMS
 from jaxslam.io.files import read_head
 from jaxslam.io.log import LogError
@@ -32,16 +33,12 @@ class BagFile:
             path: ROS 1 `.bag`, ROS 2 `.mcap` or `.db3`, or the folder of a ROS 2 bag.
 
         Raises:
-            LogError: rosbags is not installed, or the bag is missing, cut or damaged.
+            LogError: the bag is missing, cut or damaged.
         """
-        try:
+        with optional_import():
             from rosbags.rosbag1 import Reader as Reader1
             from rosbags.rosbag2 import Reader as Reader2
             from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-        except ImportError:
-            raise LogError(
-                f"{path}: reading bags needs the rosbags package: pip install 'jaxslam[cli]'"
-            ) from None
         self.path = path
         self._is_ros1 = _check_path(path)
         self._typestore = get_typestore(Stores.ROS1_NOETIC if self._is_ros1 else Stores.ROS2_HUMBLE)

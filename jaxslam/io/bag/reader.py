@@ -24,7 +24,7 @@ from jaxslam.io.bag.transforms import (
     planar_mounting,
     transform_matrix,
 )
-from jaxslam.io.log import LogError, SensorLog, list_counts
+from jaxslam.io.log import LogError, SensorLog
 
 
 def read_bag(
@@ -61,7 +61,7 @@ def read_bag(
 
     Raises:
         LogError: the bag is missing, cut or damaged; a topic is unknown or empty; stamps jump back by
-            more than a second; rosbags is not installed.
+            more than a second.
     """
     path = Path(path)
     wanted = {
@@ -112,10 +112,6 @@ def _choose_topics(bag: BagFile, wanted: dict[str, str | None], warnings: list[s
             f"{bag.path}: no scans, odometry, IMU, joint states or fixes in this bag; it has "
             f"messages of the types {', '.join(found) or 'none'}: was it recorded with all topics?"
         )
-    known = {*wanted, kinds.TRANSFORMS}
-    unknown = {topic: count for topic, (kind, count) in bag.topics.items() if kind not in known and count}
-    if unknown:
-        warnings.append(f"topics of types that are not used: {list_counts(unknown)}")
     return chosen
 
 

@@ -1,9 +1,9 @@
 """Choice of a bag's topics: by the given name, else by the usual names."""
 
-import difflib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from jaxslam.core.names import did_you_mean
 from jaxslam.io.log import LogError, list_counts
 
 SCAN = "sensor_msgs/msg/LaserScan"
@@ -48,13 +48,12 @@ def choose_topic(
         if name is not None and name in filled:
             return name
         if name is None:
-            nearest = difflib.get_close_matches(wanted, filled or topics, n=1, cutoff=0.0)
-            fault = f"no topic '{wanted}'" + (f", did you mean '{nearest[0]}'?" if nearest else "")
+            fault = f"no topic '{wanted}': {did_you_mean(wanted, filled or topics)}"
         elif topics[name][0] == kind:
-            fault = f"topic '{name}' has no messages"
+            fault = f"topic '{name}' has no messages: "
         else:
-            fault = f"topic '{name}' is {_short(topics[name][0])}, not {_short(kind)}"
-        raise LogError(f"{path}: {fault}: {_short(kind)} topics here: {list_counts(filled) or 'none'}")
+            fault = f"topic '{name}' is {_short(topics[name][0])}, not {_short(kind)}: "
+        raise LogError(f"{path}: {fault}{_short(kind)} topics here: {list_counts(filled) or 'none'}")
     if not filled:
         return None
     usual = [name for name in _USUAL_NAMES[kind] if name in filled]

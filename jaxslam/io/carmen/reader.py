@@ -9,7 +9,7 @@ from jaxtyping import Float64
 from jaxslam.io.carmen.geometry import RANGE_MIN, beam_angles, maximum_range, mounting
 from jaxslam.io.carmen.messages import CarmenContent, LaserMessage, read_messages
 from jaxslam.io.carmen.time import Message, choose_clock, is_still, merge_odometry, message_stamps
-from jaxslam.io.log import LogError, OdometryTrack, ScanTrack, SensorLog, list_counts, select_rows
+from jaxslam.io.log import LogError, OdometryTrack, ScanTrack, SensorLog, select_rows
 from jaxslam.io.ranges import clean_ranges, pad_ranges
 from jaxslam.io.stamps import sorting_order, spread_repeats
 
@@ -58,7 +58,7 @@ def read_carmen(path: str | Path) -> SensorLog:
     from_lines = OdometryTrack(stamps, poses, _twists(content.odometry, poses), "ODOM")
     from_lines = select_rows(from_lines, sorting_order(stamps, "ODOM", warnings))
     odometry = merge_odometry(from_lines, from_scans, warnings)
-    _warn_about_lines(content, name, warnings)
+    _warn_about_lines(content, warnings)
     return SensorLog(path, odometry, scans=scans, warnings=tuple(warnings), topics=dict(content.counts))
 
 
@@ -78,15 +78,12 @@ def _check_content(path: Path, content: CarmenContent) -> None:
         )
 
 
-def _warn_about_lines(content: CarmenContent, used: str, warnings: list[str]) -> None:
+def _warn_about_lines(content: CarmenContent, warnings: list[str]) -> None:
     if content.damaged:
         end = "; the file ends in the middle of a line, was it cut?" if content.cut_at_end else ""
         warnings.append(
             f"{len(content.damaged)} damaged lines skipped, the first is line {content.damaged[0]}{end}"
         )
-    unused = {name: count for name, count in content.counts.items() if name not in ("ODOM", "PARAM", used)}
-    if unused:
-        warnings.append(f"messages not used: {list_counts(unused)}")
 
 
 def _sort_scans(

@@ -3,13 +3,13 @@
 `drive` starts at the first way-point. To add a world, add its builder to `WORLDS`.
 """
 
-import difflib
 from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float64, PRNGKeyArray
 
+from jaxslam.core.names import check_names
 from jaxslam.sim.worlds.corridor import corridor_loop
 from jaxslam.sim.worlds.roadway import roadway
 from jaxslam.sim.worlds.world import Site, World, box, disc, host_generator, polyline, walls
@@ -148,11 +148,7 @@ def make_world(name: str) -> Site:
     Raises:
         ValueError: the world is unknown; the message suggests the nearest name.
     """
-    if name not in WORLDS:
-        nearest = difflib.get_close_matches(name, WORLDS, n=1, cutoff=0.0)[0]
-        raise ValueError(
-            f"no world is called {name!r}: did you mean {nearest!r}? There are {', '.join(WORLDS)}"
-        )
+    check_names("no world is called", WORLDS, name)
     return WORLDS[name]()
 
 

@@ -4,7 +4,6 @@ Register a new proposal, motion model, sensor model or resampler here with one l
 registered is called `module:Class`.
 """
 
-import difflib
 import importlib
 import operator
 import sys
@@ -12,6 +11,7 @@ import sys
 import equinox as eqx
 
 from jaxslam import motion, proposal, resampling, sensor
+from jaxslam.core.names import did_you_mean
 
 VARIANTS: dict[type[eqx.Module], dict[str, type[eqx.Module]]] = {
     motion.AbstractMotionModel: {
@@ -73,9 +73,8 @@ def build(part: object, name: str) -> eqx.Module:
         return known[name]()
     module, colon, path = name.partition(":")
     if not colon:
-        nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.0)[0]
         others = f"There are {', '.join(known)}, and module:Class for a class of your own"
-        raise ValueError(f"did you mean {nearest!r}? {others}")
+        raise ValueError(f"{did_you_mean(name, known)}{others}")
     if "" not in sys.path:
         # The `jaxslam` command does not search the current folder by itself.
         sys.path.append("")

@@ -242,7 +242,7 @@ def test_bad_input_is_one_line(at, monkeypatch, capsys, change, flags, message):
 
 def test_files_that_are_missing(at, capsys):
     assert main(["study", "missing.toml"]) == 2
-    assert "missing.toml: No such file" in error_line(capsys)
+    assert "missing.toml: no such file: check the path, or give a study in TOML" in error_line(capsys)
     assert main(["study", "report", "missing.db"]) == 2
     assert "missing.db does not exist: give the storage" in error_line(capsys)
     assert not Path("missing.db").exists()

@@ -253,7 +253,7 @@ def test_bad_values_get_one_line(changes, message):
         ('[sensor]\nsigma_hit = "0.1"', "sensor.sigma_hit is '0.1': give a number"),
         ("[num_particles]\nx = 1", "no setting is called 'num_particles.x'"),
         ("lidar = 3", "no setting is called 'lidar'"),
-        ("[proposal]\nkind = 4", "proposal is 4: did you mean"),
+        ("[proposal]\nkind = 4", "proposal is 4: There are motion"),
         ("[map]\nmargin = nan", "map.margin is nan"),
         (b"\xff\xfe", "not a text file"),
     ],

@@ -114,7 +114,7 @@ def run_in_chunks(
     if progress is not None:
         with optional_import():
             from tqdm import tqdm
-        bar = tqdm(total=total, unit="scan", desc=progress, dynamic_ncols=True, postfix="compiling (20 s)")
+        bar = tqdm(total=total, unit="scan", desc=progress, dynamic_ncols=True, postfix="compiling")
     started = time.perf_counter()
     # A call with 0 steps only compiles, unless the program was compiled before.
     state, _ = jax.block_until_ready(program(filter_, inputs, key, state, first=0, count=0))

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from jaxslam.io.reader import read_log
     from jaxslam.pipeline.inputs import PreparedScans
     from jaxslam.pipeline.localize import LocalizationResult, localize_log
-    from jaxslam.pipeline.many import ManyResult, run_many
+    from jaxslam.pipeline.many import run_many
+    from jaxslam.pipeline.many_result import ManyResult
     from jaxslam.pipeline.prepare import prepare, prepare_localization
     from jaxslam.pipeline.run import RunResult, run_log
     from jaxslam.slam.rbpf import RBPF
@@ -77,7 +78,7 @@ _MODULES = {
     "LocalizationConfig": "config.localization",
     "LocalizationResult": "pipeline.localize",
     "LogError": "io.log",
-    "ManyResult": "pipeline.many",
+    "ManyResult": "pipeline.many_result",
     "PreparedScans": "pipeline.inputs",
     "RunResult": "pipeline.run",
     "SensorLog": "io.log",

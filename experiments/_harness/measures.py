@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 
@@ -10,8 +9,7 @@ from jaxslam import RBPF, RunResult
 from jaxslam.core import se2
 from jaxslam.grid import GridSpec
 from jaxslam.metrics import BinaryMap, map_score
-from jaxslam.pipeline.run import occupancy_probability
-from jaxslam.sim import World, observable
+from jaxslam.sim import World, true_map
 
 MARGIN = 17.0
 """Width of the maps' border around a world, meters: the window of a step may reach so far ahead."""
@@ -57,19 +55,13 @@ def of_first_seed(
     }
 
 
-def true_map(world: World, grid: GridSpec, inside: Float64[np.ndarray, "2"]) -> BinaryMap:
-    """Return the part of a world that a robot starting at `inside` (m) can see, on the cells of a grid."""
-    occupied, free = observable(world, grid, jnp.asarray(inside, jnp.float32))
-    return BinaryMap(occupied, free, float(grid.resolution), np.asarray(grid.origin, np.float64))
-
-
 def wall_and_free_iou(
     world: World, result: RunResult, inside: Float64[np.ndarray, "2"]
 ) -> tuple[float, float]:
     """Return the IoU of walls and of free space in the world's frame, without alignment."""
-    resolution, origin = float(result.grid.resolution), np.asarray(result.grid.origin, np.float64)
-    estimate = BinaryMap.from_probability(occupancy_probability(result.log_odds), resolution, origin)
-    score = map_score(true_map(world, result.grid, inside), estimate, tolerance_m=TOLERANCE)
+    grid = result.grid
+    estimate = BinaryMap.from_log_odds(result.log_odds, grid.resolution, grid.origin)
+    score = map_score(true_map(world, grid, inside), estimate, tolerance_m=TOLERANCE)
     return score.iou, score.free_iou or 0.0
 
 

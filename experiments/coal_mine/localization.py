@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int
 
 from experiments._harness.harness import Arrays, Cell, stack_seeds
-from experiments._harness.measures import true_map
 from experiments.coal_mine.mapping import drive, prepared
 from jaxslam import LocalizationConfig, prepare_localization, run_log
 from jaxslam.core.types import StepInputs
@@ -17,6 +16,7 @@ from jaxslam.io import OccupancyMap
 from jaxslam.localization import AMCL, AMCLInfo
 from jaxslam.pipeline.chunks import run_steps
 from jaxslam.pipeline.run import occupancy_probability
+from jaxslam.sim import true_map
 
 CONFIGURATION = LocalizationConfig().with_lidar("vlp-16")
 MAPPING = "optimised-15"

@@ -7,17 +7,17 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Float64, Int, Int8
+from jaxtyping import Float64, Int
 
 from experiments._harness.harness import Arrays, Cell, stack_seeds
-from experiments._harness.measures import of_first_seed, on_world_grid, pose_errors, true_map
+from experiments._harness.measures import of_first_seed, on_world_grid, pose_errors
 from experiments._harness.method import ODOMETRY_NOISE, Method
 from experiments.range_network.devices import Quality, device, network
 from jaxslam import RBPF, RunResult, SensorLog, prepare, run_log, sim
 from jaxslam.io import OdometryTrack
 from jaxslam.metrics import BinaryMap, loop_closed, match_features
 from jaxslam.pipeline.inputs import PreparedScans
-from jaxslam.pipeline.run import occupancy_probability
+from jaxslam.sim import true_map
 
 MARGIN = 10.0
 """Width of the maps' border around the corridor, meters: 3.5 m for the window, and 6.5 m for errors of the
@@ -118,21 +118,14 @@ def _cpu_seconds() -> float:
 
 
 def _binary(result: RunResult) -> BinaryMap:
-    return binary_map(result.log_odds, float(result.grid.resolution), np.asarray(result.grid.origin))
-
-
-def binary_map(log_odds: Int8[np.ndarray, "H W"], resolution: float, origin: np.ndarray) -> BinaryMap:
-    """Return the occupied and the free cells of a filter's map."""
-    return BinaryMap.from_probability(
-        occupancy_probability(log_odds), resolution, np.asarray(origin, np.float64)
-    )
+    return BinaryMap.from_log_odds(result.log_odds, result.grid.resolution, result.grid.origin)
 
 
 def inliers(cell: Arrays, reference: Arrays) -> Int[np.ndarray, "S"]:
     """Count the features of each trial's map that match the single map of another cell."""
     resolution, origin = float(reference["one_resolution"]), reference["one_origin"]
-    wanted = binary_map(reference["one_map"], resolution, origin)
-    maps = (binary_map(log_odds, resolution, origin) for log_odds in cell["maps"])
+    wanted = BinaryMap.from_log_odds(reference["one_map"], resolution, origin)
+    maps = (BinaryMap.from_log_odds(log_odds, resolution, origin) for log_odds in cell["maps"])
     return np.array([match_features(wanted, mapped).inliers for mapped in maps])
 
 

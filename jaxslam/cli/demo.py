@@ -80,19 +80,14 @@ def _compare(truth: "Truth", result: "RunResult") -> "tuple[MapLayer, dict[str, 
     import numpy as np
 
     from jaxslam.metrics import BinaryMap, map_score
-    from jaxslam.pipeline.run import occupancy_probability
-    from jaxslam.sim import observable
+    from jaxslam.sim import true_map
     from jaxslam.viz import MapLayer
 
     grid = result.grid
-    occupied, free = observable(truth.world, grid, truth.poses[0, :2])
-    resolution, origin = float(grid.resolution), np.asarray(grid.origin, np.float64)
-    score = map_score(
-        BinaryMap(occupied, free, resolution, origin),
-        BinaryMap.from_probability(occupancy_probability(result.log_odds), resolution, origin),
-        tolerance_m=_TOLERANCE,
-    )
+    known = true_map(truth.world, grid, truth.poses[0, :2])
+    estimate = BinaryMap.from_log_odds(result.log_odds, grid.resolution, grid.origin)
+    score = map_score(known, estimate, tolerance_m=_TOLERANCE)
     names = ("precision", "recall", "f1", "iou", "free_iou")
     figures = {name: getattr(score, name) for name in names} | {"tolerance_m": _TOLERANCE}
-    levels = np.where(occupied, 1.0, np.where(free, 0.0, np.nan))
-    return MapLayer(levels, resolution, origin, truth.poses), figures
+    levels = np.where(known.occupied, 1.0, np.where(known.free, 0.0, np.nan))
+    return MapLayer(levels, known.resolution, known.origin, truth.poses), figures

@@ -22,7 +22,7 @@ COMMANDS = {
     "config": "Print the configuration as TOML with a comment for each setting, for use with `run --config`.",
     "fuse": "Fuse wheel odometry and IMU of a log with a Kalman filter, and write the trajectory.",
     "train-range": "Train a network to correct a lidar's ranges, on readings of a wall at known distances.",
-    "study": "Tune settings over many runs, as a file describes; `study report STORAGE` prints the results.",
+    "study": "Tune settings over many runs, as described in a file; `study report STORAGE` prints results.",
     "study-report": "Write tables, pictures and the best configuration of a study, finished or not.",
 }
 """What each command does. The module of the same name in `jaxslam.cli` has its flags and its `execute`."""

@@ -52,9 +52,8 @@ def execute(command: Run, arguments: list[str]) -> None:
     """Map a log and write its run folder."""
     import jaxslam
     from jaxslam.config.resolve import resolve_config
-    from jaxslam.core import se2
     from jaxslam.io import read_relations
-    from jaxslam.metrics.summary import reference_frame
+    from jaxslam.metrics.summary import reference_path
     from jaxslam.report import default_folder, make_folder, write_run
 
     network = common.read_network(command.range_network)
@@ -94,12 +93,7 @@ def execute(command: Run, arguments: list[str]) -> None:
     origin["fused"] = None if fused is None else {"readings": fused.readings, "refused": fused.refused}
     origin["scan_timing"] = None if timing is None else dataclasses.asdict(timing)
     accuracy = _accuracy(result, relations, reference)
-    path = None
-    if reference is not None:
-        frame = reference_frame(reference, result.scans, result.all_poses, "se2")
-        first, last = result.all_stamps[[0, -1]]
-        within = (reference.stamps >= first) & (reference.stamps <= last)
-        path = se2.compose(frame[None], reference.poses[within])
+    path = None if reference is None else reference_path(reference, scans, result.all_poses)
     metrics = write_run(folder, result, origin=origin, accuracy=accuracy, truth=path)
     chosen = "given" if command.lidar or command.config else "chosen by the scans of the log"
     assert config.lidar is not None  # `resolve_config` has set it

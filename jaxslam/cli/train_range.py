@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 class TrainRange:
     """Flags of `jaxslam train-range`."""
 
-    data: Annotated[tuple[str, ...], Positional, arg(metavar="DATA")]
+    data: Annotated[tuple[str, ...], Positional, arg(metavar="DATA", help_behavior_hint="(required)")]
     """Readings: tables (FILE.csv with the columns true_m and measured_m), or logs of a robot that faces a
     wall, each with the distance from lidar to wall in meters (wall.mcap:1.5); repeatable."""
     out: Annotated[Path, arg(metavar="FILE")] = Path("network.eqx")

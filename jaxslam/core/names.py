@@ -1,4 +1,4 @@
-"""Errors for misspelt names and for missing extras. This module imports no JAX."""
+"""Errors for misspelled names and for missing extras. This module imports no JAX."""
 
 import contextlib
 import difflib

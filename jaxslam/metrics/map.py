@@ -7,11 +7,13 @@ origin, and the estimate may be moved by a pose first. Row 0 is the lowest y, co
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int
+from jaxtyping import Array, Bool, Float, Float64, Int, Int8
 from scipy import ndimage
 
 from jaxslam.core import se2
+from jaxslam.core.types import Scalar
 from jaxslam.io.map_server import FREE_THRESHOLD, OCCUPIED_THRESHOLD
+from jaxslam.pipeline.run import occupancy_probability
 
 # A tolerance of three 5 cm cells is 2.9999999 cells when a resolution came through float32.
 _SLACK = 1e-6
@@ -50,6 +52,14 @@ class BinaryMap:
     ) -> "BinaryMap":
         """Apply the thresholds of ROS map_server to probabilities of an obstacle `[H, W]`, NaN if unknown."""
         return cls(probability > OCCUPIED_THRESHOLD, probability < FREE_THRESHOLD, resolution, origin)
+
+    @classmethod
+    def from_log_odds(
+        cls, log_odds: Int8[np.ndarray, "H W"], resolution: Scalar, origin: Float[np.ndarray | Array, "2"]
+    ) -> "BinaryMap":
+        """Return the occupied and the free cells of a filter's map, given in fixed point."""
+        probability = occupancy_probability(log_odds)
+        return cls.from_probability(probability, float(resolution), np.asarray(origin, np.float64))
 
     def centers(self, chosen: Bool[np.ndarray, "_ _"]) -> Float64[np.ndarray, "C 2"]:
         """Return the world positions of the centers of the chosen cells, meters, row by row."""

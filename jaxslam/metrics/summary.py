@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
+from jaxslam.core import se2
 from jaxslam.core.trajectory import STAMP_TOLERANCE, Alignment, dead_reckon
 from jaxslam.io.relations import Relations
 from jaxslam.metrics import TrajectoryError, absolute_trajectory_error, relation_errors
@@ -52,6 +53,14 @@ def reference_frame(
         return np.zeros(3)
     _, reference, estimate = _at_reference_times(truth, scans, poses)
     return estimate_frame(estimate, reference, align)
+
+
+def reference_path(
+    truth: Any, scans: PreparedScans, poses: Float64[np.ndarray, "S 3"], align: Alignment = "se2"
+) -> Float64[np.ndarray, "n 3"]:
+    """Return the reference's poses `[n, 3]` within the estimate, moved to the estimate's frame."""
+    _, reference, _ = _at_reference_times(truth, scans, poses)
+    return se2.compose(reference_frame(truth, scans, poses, align)[None], reference)
 
 
 def _at_reference_times(

@@ -5,7 +5,7 @@ from jaxslam.sim.exact_ranges import cast_rays
 from jaxslam.sim.imu_sensor import Imu
 from jaxslam.sim.lidar_sensor import Lidar, lds_01, lds_02, rplidar_a1, sick, urg_04lx, vlp16_ring
 from jaxslam.sim.range_bias import RangeBias, draw_lds_01_bias, lds_01_accuracy
-from jaxslam.sim.rasterize import observable
+from jaxslam.sim.rasterize import observable, true_map
 from jaxslam.sim.recording import Truth, drive
 from jaxslam.sim.robot import Robot
 from jaxslam.sim.simulate import Simulation, simulate, to_log
@@ -54,6 +54,7 @@ __all__ = [
     "sick",
     "simulate",
     "to_log",
+    "true_map",
     "urg_04lx",
     "vlp16_ring",
 ]

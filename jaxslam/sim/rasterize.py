@@ -5,6 +5,7 @@ from jaxtyping import Array, Bool, Float, Float64, Int
 from scipy import ndimage
 
 from jaxslam.grid.spec import GridSpec
+from jaxslam.metrics.map import BinaryMap
 from jaxslam.sim.worlds.world import World
 
 
@@ -61,6 +62,12 @@ def observable(
     occupied = rasterize(world, spec)
     free = reachable(occupied, spec, start)
     return occupied & ndimage.binary_dilation(free, np.ones((3, 3))), free
+
+
+def true_map(world: World, spec: GridSpec, start: Float[np.ndarray, "2"] | Float[Array, "2"]) -> BinaryMap:
+    """Return the `observable` cells as a map, to score an estimate on the same cells."""
+    occupied, free = observable(world, spec, start)
+    return BinaryMap(occupied, free, float(spec.resolution), np.asarray(spec.origin, np.float64))
 
 
 def _cells_crossed(start: Float64[np.ndarray, "2"], end: Float64[np.ndarray, "2"]) -> Int[np.ndarray, "_ 2"]:

@@ -20,11 +20,12 @@ from jaxslam.io import Relations, SensorLog, read_log, read_relations, read_tum
 from jaxslam.metrics import BinaryMap, map_score
 from jaxslam.metrics.summary import reference_error, relation_figures
 from jaxslam.pipeline.inputs import PreparedScans, pair_scans
-from jaxslam.pipeline.many import ManyResult, run_many
+from jaxslam.pipeline.many import run_many
+from jaxslam.pipeline.many_result import ManyResult
 from jaxslam.pipeline.prepare import prepare
-from jaxslam.pipeline.run import occupancy_probability, poses_at_every_scan
+from jaxslam.pipeline.run import poses_at_every_scan
 from jaxslam.preprocess.ranges import correct_scans
-from jaxslam.sim import World, make_world, observable, simulate, to_log
+from jaxslam.sim import World, drive, true_map
 from jaxslam.slam.rbpf import RBPF
 from jaxslam.study.objectives import Figures
 from jaxslam.study.plan import DRIVE, Plan, Source
@@ -70,14 +71,10 @@ def load(source: Source) -> LoadedSource:
 @functools.lru_cache(maxsize=16)
 def _loaded(source: Source) -> LoadedSource:
     if source.world is not None:
-        world, waypoints = make_world(source.world)
         # Another key than the filters', so that their noise is independent of the simulator's.
         key = jax.random.fold_in(jax.random.key(source.seed), 1)
-        simulation = simulate(key, world, waypoints, duration=float(source.duration or DRIVE))
-        log = to_log(simulation, source.name, in_world_frame=True)
-        assert log.scans is not None
-        truth = Trajectory(log.scans.stamps, np.asarray(simulation.scan_poses, np.float64))
-        return LoadedSource(log, "sick", truth, world=world)
+        log, truth = drive(source.world, key=key, duration=float(source.duration or DRIVE))
+        return LoadedSource(log, "sick", Trajectory(truth.stamps, truth.poses), world=truth.world)
     assert source.log is not None
     log = read_log(source.log)
     if source.duration is not None:
@@ -201,11 +198,8 @@ def _map_losses(
         return np.zeros(0)
     assert loaded.reference is not None
     start = jnp.asarray(loaded.reference.poses[0, :2], jnp.float32)
-    resolution, origin = float(grid.resolution), np.asarray(grid.origin, np.float64)
-    truth = BinaryMap(*observable(loaded.world, grid, start), resolution, origin)
-    maps = (
-        BinaryMap.from_probability(occupancy_probability(each), resolution, origin) for each in log_odds[row]
-    )
+    truth = true_map(loaded.world, grid, start)
+    maps = (BinaryMap.from_log_odds(each, grid.resolution, grid.origin) for each in log_odds[row])
     return np.array([1.0 - map_score(truth, each, tolerance_m=TOLERANCE).iou for each in maps])
 
 

@@ -14,12 +14,12 @@ from jaxslam.config.thinning import Thinning
 from jaxslam.core.trajectory import Trajectory
 from jaxslam.pipeline.inputs import PreparedScans, pair_scans
 from jaxslam.pipeline.many import (
-    ManyResult,
     _devices_in_memory,
     _program,
     bytes_per_device,
     run_many,
 )
+from jaxslam.pipeline.many_result import ManyResult
 from jaxslam.pipeline.run import run_log
 from jaxslam.proposal import MotionProposal
 from jaxslam.slam import RBPF

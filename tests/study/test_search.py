@@ -13,7 +13,7 @@ from jaxslam.core.flags import Flag
 from jaxslam.core.trajectory import Trajectory
 from jaxslam.io import Relations, SensorLog
 from jaxslam.io.log import OdometryTrack, ScanTrack
-from jaxslam.pipeline.many import ManyResult
+from jaxslam.pipeline.many_result import ManyResult
 from jaxslam.pipeline.prepare import prepare
 from jaxslam.pipeline.run import run_log
 from jaxslam.study import measure as measuring

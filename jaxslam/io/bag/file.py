@@ -87,7 +87,7 @@ class BagFile:
         try:
             for _, received, data in self._reader.messages(connections=connections):
                 yield decode(data, kind), received * 1e-9
-        except Exception as error:
+        except Exception as error:  # As for opening.
             raise self._damaged(error) from None
 
     def _damaged(self, error: Exception) -> LogError:
